@@ -1,0 +1,267 @@
+"""What is optimised: a box of inputs, an objective to maximise and safety functions to keep above thresholds."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdsafebo.errors import ProblemError, TrialError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Status(IntEnum):
+    """State of a trial; a failed evaluation is a status, never a number."""
+
+    PENDING = 0
+    COMPLETED = 1
+    FAILED = 2
+
+
+@dataclass(frozen=True)
+class Safety:
+    """One safety function: an input is safe when its value is at least `threshold`.
+
+    Attributes:
+        name: column name of the value.
+        threshold: h of the paper (section 3; the paper shifts it to 0).
+        modelled: the optimiser fits a Gaussian process to it and keeps its bound above the threshold.
+        reported: it decides the `safe` column of results and the metrics Safety and Violation.
+        transform: increasing function applied to values and threshold before modelling, so that a
+            Gaussian process suits the values better; None models the values as they are.
+    """
+
+    name: str
+    threshold: float
+    modelled: bool = True
+    reported: bool = True
+    transform: Callable[[FloatArray], FloatArray] | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.threshold):
+            raise ProblemError(f"threshold of safety function {self.name!r} is {self.threshold}; expected a finite number")
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Results of n evaluations.
+
+    Attributes:
+        objective: (n,) values to maximise; ignored where `failed`.
+        safety: (n, m) one column per safety function of the problem; ignored where `failed`.
+        failed: (n,) True where the evaluation gave no result; None means that all succeeded.
+    """
+
+    objective: FloatArray
+    safety: FloatArray
+    failed: NDArray[np.bool_] | None = None
+
+    def status(self) -> NDArray[np.uint8]:
+        """(n,) `Status.COMPLETED` or `Status.FAILED`."""
+        failed = np.zeros(len(self.objective), bool) if self.failed is None else np.asarray(self.failed, bool)
+        return np.where(failed, np.uint8(Status.FAILED), np.uint8(Status.COMPLETED))
+
+
+@dataclass(frozen=True)
+class Trials:
+    """A table of n trials, one array per column.
+
+    Attributes:
+        id: (n,) number of the trial within its optimiser, from 0.
+        x: (n, D) inputs of the problem.
+        z: (n, d) the same points in the space that is searched (the embedding's codes).
+        candidate: (n,) row of the problem's finite candidate set, -1 without one.
+        objective: (n,) NaN unless completed.
+        safety: (n, m) NaN unless completed.
+        status: (n,) values of `Status`.
+        initial: (n,) True for data that was there before the first `ask`.
+        round: (n,) 0 for initial data, then 1, 2, ... per `ask`.
+        predicted_safe_probability: (n,) Pr(all modelled safety functions are met), believed when the
+            trial was asked; NaN where no model was consulted.
+        violation_bound: (n,) bound on the expected violation believed when asked (see `safe_set`).
+        trust_region_length: (n,) of the trust region the trial came from; NaN without one.
+        marked_unsafe: (n,) True where no candidate was believed safe and the caller chose to be given
+            the most probably safe one all the same.
+    """
+
+    id: IntArray
+    x: FloatArray
+    z: FloatArray
+    candidate: IntArray
+    objective: FloatArray
+    safety: FloatArray
+    status: NDArray[np.uint8]
+    initial: NDArray[np.bool_]
+    round: IntArray
+    predicted_safe_probability: FloatArray
+    violation_bound: FloatArray
+    trust_region_length: FloatArray
+    marked_unsafe: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def __getitem__(self, rows: NDArray[np.bool_] | IntArray | slice | Sequence[int]) -> Trials:
+        """The sub-table of the given rows (a mask, a slice or row numbers)."""
+        return Trials(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    def append(self, other: Trials) -> Trials:
+        """This table followed by `other`; both have the same D, d and m."""
+        return Trials(**{f.name: np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)})
+
+    def with_results(self, evaluation: Evaluation) -> Trials:
+        """The same trials with objective, safety and status filled in."""
+        status = evaluation.status()
+        done = status == Status.COMPLETED
+        return replace(
+            self,
+            objective=np.where(done, evaluation.objective, np.nan),
+            safety=np.where(done[:, None], evaluation.safety, np.nan),
+            status=status,
+        )
+
+    @property
+    def completed(self) -> NDArray[np.bool_]:
+        """(n,) True where objective and safety are known."""
+        return self.status == Status.COMPLETED
+
+    @classmethod
+    def pending(cls, x: FloatArray, z: FloatArray, n_safety: int, *, first_id: int = 0, round: int = 0, **columns: object) -> Trials:
+        """n trials without results; `columns` overrides any of the other columns."""
+        n = len(x)
+        table: dict[str, object] = {
+            "id": np.arange(first_id, first_id + n),
+            "x": np.asarray(x, float),
+            "z": np.asarray(z, float),
+            "candidate": np.full(n, -1),
+            "objective": np.full(n, np.nan),
+            "safety": np.full((n, n_safety), np.nan),
+            "status": np.full(n, Status.PENDING, np.uint8),
+            "initial": np.zeros(n, bool),
+            "round": np.full(n, round),
+            "predicted_safe_probability": np.full(n, np.nan),
+            "violation_bound": np.full(n, np.nan),
+            "trust_region_length": np.full(n, np.nan),
+            "marked_unsafe": np.zeros(n, bool),
+        }
+        unknown = set(columns) - set(table)
+        if unknown:
+            raise TrialError(f"unknown trial columns {sorted(unknown)}; expected some of {sorted(table)}")
+        return cls(**(table | columns))  # type: ignore[arg-type]
+
+
+class CandidateSet(Protocol):
+    """A finite set of inputs, the only ones that can be evaluated.
+
+    Attributes:
+        features: (N, p) inputs of the kernel, one row per candidate.
+    """
+
+    features: FloatArray
+
+    def inputs(self, rows: IntArray) -> FloatArray:
+        """(k, D) inputs of the given rows."""
+
+    def nearest(self, x: FloatArray, taken: IntArray) -> IntArray:
+        """(n,) rows nearest to the (n, D) inputs `x`, all different and none of them in `taken`."""
+
+
+class Problem(ABC):
+    """An objective to maximise under safety functions, over a box or a finite set of inputs.
+
+    Attributes:
+        name: identifies the problem in files and messages.
+        bounds: (2, D) lower and upper limits of the input.
+        safety: the safety functions, in the order of the columns of `Evaluation.safety`.
+        candidates: the finite set of inputs when not every point of the box can be evaluated.
+        features: affine map from inputs (n, D) to kernel inputs (n, p), when distances between
+            inputs say little; None uses the searched space itself.
+        optimum: best safe objective when it is known (used in reports only).
+    """
+
+    name: str
+    bounds: FloatArray
+    safety: tuple[Safety, ...]
+    candidates: CandidateSet | None = None
+    features: Callable[[FloatArray], FloatArray] | None = None
+    optimum: float | None = None
+
+    @abstractmethod
+    def evaluate(self, trials: Trials) -> Evaluation:
+        """Evaluate the inputs `trials.x` (or `trials.candidate` on a finite set).
+
+        A problem with randomness of its own must depend only on its seed and on the trials evaluated
+        before, so that a run can be replayed.
+        """
+
+    def initial(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
+        """Inputs of the initial trials: (n, D) points and their (n,) candidate rows (-1 without a set)."""
+        if self.candidates is not None:
+            rows = rng.choice(len(self.candidates.features), n, replace=False)
+            return self.candidates.inputs(rows), rows
+        return rng.uniform(self.bounds[0], self.bounds[1], (n, self.bounds.shape[1])), np.full(n, -1)
+
+    def is_safe(self, safety: FloatArray) -> NDArray[np.bool_]:
+        """(n,) True where every reported safety function of the (n, m) values meets its threshold."""
+        keep = [j for j, s in enumerate(self.safety) if s.reported]
+        thresholds = np.array([self.safety[j].threshold for j in keep])
+        return np.asarray((safety[:, keep] >= thresholds).all(axis=1))
+
+    def violation(self, safety: FloatArray) -> FloatArray:
+        """(n,) sum over reported safety functions of max(0, h - g)."""
+        keep = [j for j, s in enumerate(self.safety) if s.reported]
+        thresholds = np.array([self.safety[j].threshold for j in keep])
+        return np.asarray(np.maximum(0.0, thresholds - safety[:, keep]).sum(axis=1))
+
+
+def check_problem(problem: Problem) -> None:
+    """Raise `ProblemError` naming what is wrong with a problem's box or safety functions."""
+    bounds = np.asarray(problem.bounds, float)
+    if bounds.ndim != 2 or bounds.shape[0] != 2 or bounds.shape[1] == 0:
+        raise ProblemError(f"bounds of {problem.name!r} have shape {bounds.shape}; expected (2, D) with D >= 1")
+    if not np.isfinite(bounds).all():
+        raise ProblemError(f"bounds of {problem.name!r} are not finite in dimensions {np.flatnonzero(~np.isfinite(bounds).all(0)).tolist()}")
+    empty = np.flatnonzero(bounds[0] > bounds[1])
+    if len(empty):
+        raise ProblemError(f"lower bound above upper bound of {problem.name!r} in dimensions {empty.tolist()[:10]}")
+    if not any(s.modelled for s in problem.safety):
+        raise ProblemError(f"problem {problem.name!r} has no modelled safety function; expected at least one")
+    names = [s.name for s in problem.safety]
+    if len(set(names)) != len(names):
+        raise ProblemError(f"safety functions of {problem.name!r} have repeated names {names}")
+
+
+class FunctionProblem(Problem):
+    """A problem made of one's own function.
+
+    Args:
+        function: takes (n, D) inputs, returns the (n,) objective and the (n, m) safety values.
+        bounds: (2, D) limits.
+        safety: one `Safety` per column.
+        name: name in messages and files.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+        bounds: FloatArray | Sequence[Sequence[float]],
+        safety: Sequence[Safety] = (Safety("safety", 0.0),),
+        name: str = "function",
+    ) -> None:
+        self.function = function
+        self.bounds = np.asarray(bounds, float)
+        self.safety = tuple(safety)
+        self.name = name
+        check_problem(self)
+
+    def evaluate(self, trials: Trials) -> Evaluation:
+        objective, safety = self.function(trials.x)
+        values = np.asarray(safety, float)
+        return Evaluation(np.asarray(objective, float), values[:, None] if values.ndim == 1 else values)
