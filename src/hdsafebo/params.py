@@ -1,0 +1,238 @@
+"""`params.yaml` as frozen models: every key typed, every range checked, every error named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from hdsafebo.errors import ParamsError
+
+Scalar = bool | int | float | str | None
+Count = Annotated[int, Field(ge=1)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class Block(BaseModel):
+    """A block of `params.yaml`: immutable, no unknown keys, no silent conversions."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Spinal(Block):
+    """Finite-element model of the cord and the traversal of the stimulation parameters."""
+
+
+class Hand(Block):
+    """Musculoskeletal hand: model, environment, rollouts and synergies."""
+
+
+class Embeddings(Block):
+    """Embeddings of the stimulation field maps."""
+
+
+class Isometry(Block):
+    """The check that runs before anything is optimised over an embedding."""
+
+
+class Budget(Block):
+    """How much is evaluated in each run of a task.
+
+    Attributes:
+        initial: trials drawn before the optimiser starts.
+        trials: all trials, the initial ones included.
+        batch: trials per round.
+        seeds: independent runs per method.
+        first_seed: the runs use the seeds first_seed, first_seed + 1, ...
+        seeds_of: methods that get another number of runs.
+    """
+
+    initial: Count
+    trials: Count
+    batch: Count
+    seeds: Count
+    first_seed: Annotated[int, Field(ge=0)] = 1000
+    seeds_of: dict[str, Count] = {}
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Budget:
+        if self.trials <= self.initial:
+            raise ValueError(f"trials ({self.trials}) must exceed initial ({self.initial})")
+        return self
+
+    def seeds_for(self, method: str) -> range:
+        """Seeds of the runs of a method."""
+        return range(self.first_seed, self.first_seed + self.seeds_of.get(method, self.seeds))
+
+
+class SyntheticProblem(Block):
+    """Objective and safety drawn from Gaussian processes (paper, section 5.1 and appendix)."""
+
+    dimension: Count = 1000
+    latent_dimension: Count = 50
+    effective_dimension: Count = 40
+    length_scale: Positive = 0.05
+    threshold: float = -0.75
+    noise_variance: Annotated[float, Field(ge=0)] = 1e-4
+    with_replacement: bool = False
+
+    @model_validator(mode="after")
+    def _nested(self) -> SyntheticProblem:
+        if not self.effective_dimension <= self.latent_dimension <= self.dimension:
+            raise ValueError(
+                "expected effective_dimension <= latent_dimension <= dimension, got "
+                f"{self.effective_dimension}, {self.latent_dimension}, {self.dimension}"
+            )
+        return self
+
+
+class SyntheticTask(Block):
+    """The synthetic task and the methods that run on it."""
+
+    problem: SyntheticProblem = SyntheticProblem()
+    budget: Budget
+    methods: list[str]
+
+
+class HandProblem(Block):
+    """What the optimisers see of the hand."""
+
+
+class HandTask(Block):
+    """The hand task and the methods that run on it."""
+
+    problem: HandProblem = HandProblem()
+    budget: Budget
+    methods: list[str]
+
+
+class ScsProblem(Block):
+    """What the optimisers see of the stimulation dataset."""
+
+    embedding: str = "irvae"
+    threshold: float = 0.05
+
+
+class ScsTask(Block):
+    """The stimulation tasks, one per target muscle (`scs_st`, `scs_ga`, ...)."""
+
+    problem: ScsProblem = ScsProblem()
+    budget: Budget
+    tasks: list[Literal["scs_il", "scs_vlrf", "scs_ta", "scs_bfgm", "scs_st", "scs_ga"]]
+    methods: list[str]
+
+
+class Tasks(Block):
+    """One block per family of tasks."""
+
+    synthetic: SyntheticTask
+    hand: HandTask
+    scs: ScsTask
+
+
+class Compute(Block):
+    """Where runs are computed.
+
+    Attributes:
+        workers: processes of the pool; null takes one per core.
+        scheduler: address of a Dask scheduler; null uses the process pool.
+    """
+
+    workers: Count | None = None
+    scheduler: str | None = None
+
+
+class Tracking(Block):
+    """The MLflow mirror of the results."""
+
+    enabled: bool = True
+
+
+class Report(Block):
+    """The report."""
+
+
+class Params(Block):
+    """The whole of `params.yaml`."""
+
+    profile: str
+    spinal: Spinal = Spinal()
+    hand: Hand = Hand()
+    embeddings: Embeddings = Embeddings()
+    isometry: Isometry = Isometry()
+    tasks: Tasks
+    methods: dict[str, dict[str, Scalar]]
+    compute: Compute = Compute()
+    tracking: Tracking = Tracking()
+    report: Report = Report()
+
+    @model_validator(mode="after")
+    def _methods_known(self) -> Params:
+        from hdsafebo.optimizers.registry import method_names
+
+        known = method_names()
+        for name in self.methods:
+            if name not in known:
+                raise ValueError(f"methods: unknown method {name!r}; valid names: {', '.join(sorted(known))}")
+        for family, task in self.tasks:
+            for name in task.methods:
+                if name not in self.methods:
+                    raise ValueError(f"tasks.{family}.methods: {name!r} has no block under methods; it has {', '.join(self.methods)}")
+        return self
+
+
+def load_params(path: Path) -> Params:
+    """Read and check a parameter file.
+
+    Args:
+        path: a YAML file; only plain data is constructed from it.
+
+    Raises:
+        ParamsError: the file is missing, is no YAML mapping, or a key is unknown, of the wrong type
+            or out of range. The message names file, key, value and what was expected.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ParamsError(f"{path}: no such file") from error
+    except (OSError, UnicodeDecodeError, ValueError, yaml.YAMLError, RecursionError) as error:
+        raise ParamsError(f"{path}: cannot be read as YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(data, dict):
+        raise ParamsError(f"{path}: expected a mapping of blocks, got {type(data).__name__}")
+    return parse_params(data, source=str(path))
+
+
+def parse_params(data: dict[str, Any], *, source: str = "params") -> Params:
+    """Check parameters that were already read; see `load_params`."""
+    try:
+        return Params.model_validate(data)
+    except ValidationError as error:
+        raise ParamsError("\n".join(f"{source}: {_explain(e)}" for e in error.errors())) from None
+
+
+def _explain(error: Any) -> str:
+    """One line of a pydantic error: key, what is wrong, the value."""
+    key = ".".join(str(part) for part in error["loc"]) or "(top level)"
+    message = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "extra_forbidden":
+        return f"{key}: unknown key (value {_short(error['input'])}); {_valid_keys(error['loc'])}"
+    if error["type"] in ("missing", "value_error"):
+        return f"{key}: {message}"
+    return f"{key}: {message}, got {_short(error['input'])}"
+
+
+def _valid_keys(location: tuple[Any, ...]) -> str:
+    """The keys that the block at `location[:-1]` has."""
+    block: Any = Params
+    for part in location[:-1]:
+        field = getattr(block, "model_fields", {}).get(part)
+        block = field.annotation if field is not None else None
+    names = sorted(getattr(block, "model_fields", {}))
+    return f"valid keys: {', '.join(names)}" if names else "remove it"
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."

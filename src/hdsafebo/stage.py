@@ -1,0 +1,106 @@
+"""What every pipeline stage shares: parameters, paths, tracking, and errors without tracebacks."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from hdsafebo.errors import HdSafeBOError, ParamsError
+from hdsafebo.params import Params, load_params
+
+EXIT_FAILED = 1
+EXIT_BAD_INPUT = 2
+
+
+class Stage:
+    """A running stage.
+
+    Attributes:
+        name: the stage's name in `dvc.yaml`.
+        params: the checked parameters.
+        root: the project's directory.
+        options: the stage's own command line options.
+    """
+
+    def __init__(self, name: str, params: Params, root: Path, options: argparse.Namespace, tracker: object) -> None:
+        self.name = name
+        self.params = params
+        self.root = root
+        self.options = options
+        self.tracker = tracker
+
+    def path(self, relative: str) -> Path:
+        """A path below the project's directory; its parent directories are made."""
+        path = self.root / relative
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
+        """Mirror numbers to the tracking server, if there is one."""
+        self.tracker.log_metrics(dict(metrics), step=step)  # type: ignore[attr-defined]
+
+    def log_artifact(self, path: Path) -> None:
+        """Mirror a file or a directory to the tracking server, if there is one."""
+        self.tracker.log_artifact(path)  # type: ignore[attr-defined]
+
+    def notice(self, message: str) -> None:
+        """Tell the user something that must not be missed."""
+        print(f"NOTICE [{self.name}]: {message}", file=sys.stderr, flush=True)
+
+
+def run_stage(
+    name: str,
+    main: Callable[[Stage], None],
+    *,
+    blocks: Sequence[str] = (),
+    options: Callable[[argparse.ArgumentParser], None] | None = None,
+    argv: Sequence[str] | None = None,
+) -> None:
+    """Run a stage script: parse the command line, check the parameters, do the work, and exit.
+
+    Args:
+        name: name of the stage.
+        main: the work.
+        blocks: dotted keys of `params.yaml` that the stage uses (mirrored to the tracking server).
+        options: adds the stage's own command line options.
+        argv: command line; None takes the process's.
+
+    The exit code is 2 for bad parameters, 1 for any other error that the package raises on purpose.
+    """
+    os.environ.setdefault("OMP_NUM_THREADS", str(os.cpu_count() or 1))
+    parser = argparse.ArgumentParser(prog=f"python stages/{name}.py", description=main.__doc__ or f"Run the stage {name}.")
+    parser.add_argument("--root", type=Path, default=Path.cwd(), help="directory of the project (default: here)")
+    parser.add_argument("--params", type=Path, default=None, help="parameter file (default: ROOT/params.yaml)")
+    if options is not None:
+        options(parser)
+    arguments = parser.parse_args(argv)
+    root = arguments.root.resolve()
+    start = time.perf_counter()
+    try:
+        params = load_params(arguments.params or root / "params.yaml")
+        from hdsafebo.campaign.tracking import track_stage
+
+        tracked = {block: lookup(params, block) for block in blocks}
+        with track_stage(name, tracked, root, enabled=params.tracking.enabled) as tracker:
+            main(Stage(name, params, root, arguments, tracker))
+    except ParamsError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(EXIT_BAD_INPUT) from None
+    except HdSafeBOError as error:
+        print(f"error in stage {name}: {error}", file=sys.stderr)
+        raise SystemExit(EXIT_FAILED) from None
+    print(f"{name}: done in {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
+
+
+def lookup(params: Params, key: str) -> object:
+    """The plain value of a dotted key of the parameters, as in `spinal.mesh`."""
+    value: object = params.model_dump(mode="json")
+    for part in key.split("."):
+        if not isinstance(value, dict) or part not in value:
+            raise ParamsError(f"{key}: no such key in the parameters")
+        value = value[part]
+    return value
