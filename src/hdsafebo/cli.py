@@ -1,0 +1,79 @@
+"""The command line: `hdsafebo --help`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from hdsafebo import __version__
+from hdsafebo.errors import HdSafeBOError, ParamsError, UnknownNameError
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run a subcommand; exit code 2 for bad input, 1 for other errors, without a traceback."""
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    try:
+        arguments.run(arguments)
+    except (ParamsError, UnknownNameError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except HdSafeBOError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(1) from None
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="hdsafebo", description="Safe Bayesian optimisation in high dimensions.")
+    parser.add_argument("--version", action="version", version=f"hdsafebo {__version__}")
+    parser.add_argument("--root", type=Path, default=Path.cwd(), help="directory of the project (default: here)")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    profile = commands.add_parser("profile", help="write params.yaml under a profile (smoke, standard, reference, paper)")
+    profile.add_argument("name")
+    profile.add_argument("--force", action="store_true", help="overwrite an edited params.yaml")
+    profile.set_defaults(run=_profile)
+
+    check = commands.add_parser("check-params", help="check a parameter file and say what is wrong with it")
+    check.add_argument("file", type=Path, nargs="?", help="default: ROOT/params.yaml")
+    check.set_defaults(run=_check_params)
+
+    methods = commands.add_parser("methods", help="list the optimisers")
+    methods.set_defaults(run=_methods)
+
+    keep = commands.add_parser("keep-reference", help="copy the report into reports/reference, stamped with the revision")
+    keep.set_defaults(run=_keep_reference)
+    return parser
+
+
+def _profile(arguments: argparse.Namespace) -> None:
+    from hdsafebo.profiles import apply_profile
+
+    changed = apply_profile(arguments.root, arguments.name, force=arguments.force)
+    print(f"params.yaml {'now holds' if changed else 'already held'} the profile {arguments.name}")
+
+
+def _check_params(arguments: argparse.Namespace) -> None:
+    from hdsafebo.params import load_params
+
+    path = arguments.file or arguments.root / "params.yaml"
+    params = load_params(path)
+    print(f"{path}: valid, profile {params.profile}")
+
+
+def _methods(arguments: argparse.Namespace) -> None:
+    from hdsafebo.optimizers.registry import method_names
+
+    print("\n".join(method_names()))
+
+
+def _keep_reference(arguments: argparse.Namespace) -> None:
+    from hdsafebo.report.reference import keep_reference
+
+    print(f"kept in {keep_reference(arguments.root)}")
+
+
+if __name__ == "__main__":
+    main()

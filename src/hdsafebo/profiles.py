@@ -1,0 +1,81 @@
+"""Profiles set the size of the pipeline: each is a set of changes to the standard parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hdsafebo.errors import ParamsError, UnknownNameError
+from hdsafebo.params import parse_params
+
+STANDARD = "standard"
+
+
+def profile_names(root: Path) -> list[str]:
+    """Names of the profiles in `profiles/`."""
+    return sorted(path.stem for path in (root / "profiles").glob("*.yaml"))
+
+
+def profile_text(root: Path, name: str) -> str:
+    """The text of `params.yaml` under a profile: the standard one with the profile's changes, checked.
+
+    Raises:
+        UnknownNameError: there is no such profile; the message lists the names.
+        ParamsError: the result is not valid.
+    """
+    import io
+
+    from ruamel.yaml import YAML
+
+    if name not in profile_names(root):
+        raise UnknownNameError("profile", name, profile_names(root))
+    yaml = YAML()
+    yaml.width = 110
+    yaml.preserve_quotes = True
+    merged = yaml.load((root / "profiles" / f"{STANDARD}.yaml").read_text(encoding="utf-8"))
+    if name != STANDARD:
+        _merge(merged, yaml.load((root / "profiles" / f"{name}.yaml").read_text(encoding="utf-8")) or {})
+    merged["profile"] = name
+    buffer = io.StringIO()
+    yaml.dump(merged, buffer)
+    text = buffer.getvalue()
+    parse_params(YAML(typ="safe").load(text), source=f"profiles/{name}.yaml")
+    return text
+
+
+def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
+    """Write `params.yaml` under a profile.
+
+    Args:
+        root: the project's directory.
+        name: the profile.
+        force: overwrite a `params.yaml` that holds changes of its own.
+
+    Returns:
+        True when the file changed.
+
+    Raises:
+        ParamsError: `params.yaml` differs from every profile, so that changes would be lost.
+    """
+    target = root / "params.yaml"
+    text = profile_text(root, name)
+    if target.exists():
+        present = target.read_text(encoding="utf-8")
+        if present == text:
+            return False
+        if not force and all(present != profile_text(root, other) for other in profile_names(root)):
+            raise ParamsError(
+                f"params.yaml was edited and matches none of the profiles {', '.join(profile_names(root))}; "
+                f"keep a copy, then run: hdsafebo profile {name} --force"
+            )
+    target.write_text(text, encoding="utf-8")
+    return True
+
+
+def _merge(base: Any, changes: Any) -> None:
+    """Overwrite `base` in place, block by block, keeping its comments."""
+    for key, value in changes.items():
+        if isinstance(value, dict) and isinstance(base.get(key), dict) and key not in ("seeds_of",):
+            _merge(base[key], value)
+        else:
+            base[key] = value
