@@ -73,7 +73,14 @@ def test_missing_key_is_named(standard: dict) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "- a\n- b\n", "a: [1, 2\n", "!!python/object/apply:os.system ['echo executed']\n", "a: &x [*x]\n", "\x00"],
+    [
+        "",
+        "- a\n- b\n",
+        "a: [1, 2\n",
+        "!!python/object/apply:os.system ['echo executed']\n",
+        "a: &x [*x]\n",
+        "\x00",
+    ],
 )
 def test_files_that_are_no_parameters(tmp_path: Path, text: str, capfd: pytest.CaptureFixture) -> None:
     path = tmp_path / "params.yaml"
@@ -83,7 +90,9 @@ def test_files_that_are_no_parameters(tmp_path: Path, text: str, capfd: pytest.C
     assert "executed" not in capfd.readouterr().out
 
 
-def test_a_stage_refuses_bad_params_without_a_traceback(project_root: Path, tmp_path: Path, standard: dict) -> None:
+def test_a_stage_refuses_bad_params_without_a_traceback(
+    project_root: Path, tmp_path: Path, standard: dict
+) -> None:
     path = tmp_path / "params.yaml"
     path.write_text(yaml.safe_dump(set_key(standard, "tasks.synthetic.budget.batch", -1)))
     result = subprocess.run(

@@ -26,12 +26,18 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="hdsafebo", description="Safe Bayesian optimisation in high dimensions.")
+    parser = argparse.ArgumentParser(
+        prog="hdsafebo", description="Safe Bayesian optimisation in high dimensions."
+    )
     parser.add_argument("--version", action="version", version=f"hdsafebo {__version__}")
-    parser.add_argument("--root", type=Path, default=Path.cwd(), help="directory of the project (default: here)")
+    parser.add_argument(
+        "--root", type=Path, default=Path.cwd(), help="directory of the project (default: here)"
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
-    profile = commands.add_parser("profile", help="write params.yaml under a profile (smoke, standard, reference, paper)")
+    profile = commands.add_parser(
+        "profile", help="write params.yaml under a profile (smoke, standard, reference, paper)"
+    )
     profile.add_argument("name")
     profile.add_argument("--force", action="store_true", help="overwrite an edited params.yaml")
     profile.set_defaults(run=_profile)
@@ -43,7 +49,9 @@ def _parser() -> argparse.ArgumentParser:
     methods = commands.add_parser("methods", help="list the optimisers")
     methods.set_defaults(run=_methods)
 
-    keep = commands.add_parser("keep-reference", help="copy the report into reports/reference, stamped with the revision")
+    keep = commands.add_parser(
+        "keep-reference", help="copy the report into reports/reference, stamped with the revision"
+    )
     keep.set_defaults(run=_keep_reference)
     return parser
 

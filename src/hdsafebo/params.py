@@ -37,6 +37,30 @@ class Isometry(Block):
     """The check that runs before anything is optimised over an embedding."""
 
 
+class Digits(Block):
+    """Images, predictor and embedding of the digits task.
+
+    Attributes:
+        source: `sklearn` (bundled 8 x 8 images), `idx` (MNIST's files in `folder`) or `openml` (a download).
+        folder: directory of the IDX files, relative to the project's.
+        predictor_epochs: passes over the images when the predictor is trained.
+        embedding: name of the embedding.
+        embedding_settings: its settings (`embeddings/`).
+        seed: of all that is trained.
+    """
+
+    source: Literal["sklearn", "idx", "openml"] = "sklearn"
+    folder: str | None = None
+    predictor_epochs: Count = 40
+    embedding: str = "irvae"
+    embedding_settings: dict[str, Scalar] = {"latent_dim": 6}
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    def folder_path(self, root: Path) -> Path | None:
+        """Directory of the IDX files."""
+        return None if self.folder is None else root / self.folder
+
+
 class Budget(Block):
     """How much is evaluated in each run of a task.
 
@@ -124,12 +148,35 @@ class ScsTask(Block):
     methods: list[str]
 
 
+class DigitsProblem(Block):
+    """What makes an image valid.
+
+    Attributes:
+        temperature: of the predictor's softmax; 2 on the 8 x 8 images gives the confidence profile that
+            the paper's network has at 200.
+        threshold: least probability of a valid image.
+    """
+
+    temperature: Positive = 2.0
+    threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
+
+
+class DigitsTask(Block):
+    """The ten tasks `digits_0` ... `digits_9` and the methods that run on them."""
+
+    problem: DigitsProblem = DigitsProblem()
+    budget: Budget
+    tasks: list[Annotated[str, Field(pattern=r"^digits_[0-9]$")]]
+    methods: list[str]
+
+
 class Tasks(Block):
     """One block per family of tasks."""
 
     synthetic: SyntheticTask
     hand: HandTask
     scs: ScsTask
+    digits: DigitsTask
 
 
 class Compute(Block):
@@ -162,6 +209,7 @@ class Params(Block):
     hand: Hand = Hand()
     embeddings: Embeddings = Embeddings()
     isometry: Isometry = Isometry()
+    digits: Digits = Digits()
     tasks: Tasks
     methods: dict[str, dict[str, Scalar]]
     compute: Compute = Compute()
@@ -179,7 +227,9 @@ class Params(Block):
         for family, task in self.tasks:
             for name in task.methods:
                 if name not in self.methods:
-                    raise ValueError(f"tasks.{family}.methods: {name!r} has no block under methods; it has {', '.join(self.methods)}")
+                    raise ValueError(
+                        f"tasks.{family}.methods: {name!r} has no block under methods; it has {', '.join(self.methods)}"
+                    )
         return self
 
 

@@ -46,7 +46,9 @@ class Safety:
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.threshold):
-            raise ProblemError(f"threshold of safety function {self.name!r} is {self.threshold}; expected a finite number")
+            raise ProblemError(
+                f"threshold of safety function {self.name!r} is {self.threshold}; expected a finite number"
+            )
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,9 @@ class Trials:
 
     def append(self, other: Trials) -> Trials:
         """This table followed by `other`; both have the same D, d and m."""
-        return Trials(**{f.name: np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)})
+        return Trials(
+            **{f.name: np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)}
+        )
 
     def with_results(self, evaluation: Evaluation) -> Trials:
         """The same trials with objective, safety and status filled in."""
@@ -133,7 +137,16 @@ class Trials:
         return self.status == Status.COMPLETED
 
     @classmethod
-    def pending(cls, x: FloatArray, z: FloatArray, n_safety: int, *, first_id: int = 0, round: int = 0, **columns: object) -> Trials:
+    def pending(
+        cls,
+        x: FloatArray,
+        z: FloatArray,
+        n_safety: int,
+        *,
+        first_id: int = 0,
+        round: int = 0,
+        **columns: object,
+    ) -> Trials:
         """n trials without results; `columns` overrides any of the other columns."""
         n = len(x)
         table: dict[str, object] = {
@@ -225,12 +238,18 @@ def check_problem(problem: Problem) -> None:
     """Raise `ProblemError` naming what is wrong with a problem's box or safety functions."""
     bounds = np.asarray(problem.bounds, float)
     if bounds.ndim != 2 or bounds.shape[0] != 2 or bounds.shape[1] == 0:
-        raise ProblemError(f"bounds of {problem.name!r} have shape {bounds.shape}; expected (2, D) with D >= 1")
+        raise ProblemError(
+            f"bounds of {problem.name!r} have shape {bounds.shape}; expected (2, D) with D >= 1"
+        )
     if not np.isfinite(bounds).all():
-        raise ProblemError(f"bounds of {problem.name!r} are not finite in dimensions {np.flatnonzero(~np.isfinite(bounds).all(0)).tolist()}")
+        raise ProblemError(
+            f"bounds of {problem.name!r} are not finite in dimensions {np.flatnonzero(~np.isfinite(bounds).all(0)).tolist()}"
+        )
     empty = np.flatnonzero(bounds[0] > bounds[1])
     if len(empty):
-        raise ProblemError(f"lower bound above upper bound of {problem.name!r} in dimensions {empty.tolist()[:10]}")
+        raise ProblemError(
+            f"lower bound above upper bound of {problem.name!r} in dimensions {empty.tolist()[:10]}"
+        )
     if not any(s.modelled for s in problem.safety):
         raise ProblemError(f"problem {problem.name!r} has no modelled safety function; expected at least one")
     names = [s.name for s in problem.safety]

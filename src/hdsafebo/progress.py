@@ -46,7 +46,14 @@ def track(items: Iterable[T], description: str, total: int | None = None) -> Ite
 
 def _bar(total: int, description: str) -> Iterator[Advance]:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (
         TextColumn("{task.description}"),
@@ -78,7 +85,11 @@ def _lines(total: int, description: str) -> Iterator[Advance]:
             last = now
             eta = (now - start) / max(done, 1) * (total - done)
             suffix = f", {note}" if note else ""
-            print(f"{description}: {done}/{total}, {now - start:.0f} s, eta {eta:.0f} s{suffix}", file=sys.stderr, flush=True)
+            print(
+                f"{description}: {done}/{total}, {now - start:.0f} s, eta {eta:.0f} s{suffix}",
+                file=sys.stderr,
+                flush=True,
+            )
 
     yield advance
     print(f"{description}: {done}/{total} in {time.monotonic() - start:.1f} s", file=sys.stderr, flush=True)

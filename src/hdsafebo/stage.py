@@ -26,7 +26,9 @@ class Stage:
         options: the stage's own command line options.
     """
 
-    def __init__(self, name: str, params: Params, root: Path, options: argparse.Namespace, tracker: object) -> None:
+    def __init__(
+        self, name: str, params: Params, root: Path, options: argparse.Namespace, tracker: object
+    ) -> None:
         self.name = name
         self.params = params
         self.root = root
@@ -72,9 +74,15 @@ def run_stage(
     The exit code is 2 for bad parameters, 1 for any other error that the package raises on purpose.
     """
     os.environ.setdefault("OMP_NUM_THREADS", str(os.cpu_count() or 1))
-    parser = argparse.ArgumentParser(prog=f"python stages/{name}.py", description=main.__doc__ or f"Run the stage {name}.")
-    parser.add_argument("--root", type=Path, default=Path.cwd(), help="directory of the project (default: here)")
-    parser.add_argument("--params", type=Path, default=None, help="parameter file (default: ROOT/params.yaml)")
+    parser = argparse.ArgumentParser(
+        prog=f"python stages/{name}.py", description=main.__doc__ or f"Run the stage {name}."
+    )
+    parser.add_argument(
+        "--root", type=Path, default=Path.cwd(), help="directory of the project (default: here)"
+    )
+    parser.add_argument(
+        "--params", type=Path, default=None, help="parameter file (default: ROOT/params.yaml)"
+    )
     if options is not None:
         options(parser)
     arguments = parser.parse_args(argv)

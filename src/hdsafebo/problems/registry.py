@@ -34,11 +34,14 @@ class Task:
         embedding: gives the embedding of the latent space from the (n, D) initial inputs (fitted on
             them, or loaded); None when the task is searched in its original space only.
         inputs: files the task reads, relative to the root (a run depends on their content).
+        latent_bounds: (2, d) box of the latent space: limits of the codes of the points that the
+            embedding was trained on (paper, appendix); None takes the codes of the initial trials.
     """
 
     problem: Problem
     embedding: Callable[[FloatArray], Codec] | None
     inputs: tuple[str, ...] = ()
+    latent_bounds: FloatArray | None = None
 
 
 _FAMILIES = {
@@ -78,5 +81,7 @@ def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) 
     Raises:
         UnknownNameError: there is no such task.
     """
-    task: Task = import_module(_FAMILIES[family_of(name)]).make_task(name, params, method=method, seed=seed, root=root)
+    task: Task = import_module(_FAMILIES[family_of(name)]).make_task(
+        name, params, method=method, seed=seed, root=root
+    )
     return task
