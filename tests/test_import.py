@@ -5,7 +5,19 @@ from __future__ import annotations
 import subprocess
 import sys
 
-HEAVY = ("torch", "botorch", "mujoco", "sklearn", "matplotlib", "mlflow", "numba", "skfem", "stable_baselines3", "dvc", "pandas")
+HEAVY = (
+    "torch",
+    "botorch",
+    "mujoco",
+    "sklearn",
+    "matplotlib",
+    "mlflow",
+    "numba",
+    "skfem",
+    "stable_baselines3",
+    "dvc",
+    "pandas",
+)
 
 
 def test_importing_the_package_loads_no_heavy_library() -> None:

@@ -227,8 +227,9 @@ class Params(Block):
         for family, task in self.tasks:
             for name in task.methods:
                 if name not in self.methods:
+                    blocks = ", ".join(self.methods)
                     raise ValueError(
-                        f"tasks.{family}.methods: {name!r} has no block under methods; it has {', '.join(self.methods)}"
+                        f"tasks.{family}.methods: {name!r} has no block under methods, which has {blocks}"
                     )
         return self
 

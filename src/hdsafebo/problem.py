@@ -1,4 +1,4 @@
-"""What is optimised: a box of inputs, an objective to maximise and safety functions to keep above thresholds."""
+"""What is optimised: a box of inputs, an objective to maximise, safety functions above thresholds."""
 
 from __future__ import annotations
 
@@ -241,10 +241,9 @@ def check_problem(problem: Problem) -> None:
         raise ProblemError(
             f"bounds of {problem.name!r} have shape {bounds.shape}; expected (2, D) with D >= 1"
         )
-    if not np.isfinite(bounds).all():
-        raise ProblemError(
-            f"bounds of {problem.name!r} are not finite in dimensions {np.flatnonzero(~np.isfinite(bounds).all(0)).tolist()}"
-        )
+    infinite = np.flatnonzero(~np.isfinite(bounds).all(axis=0))
+    if len(infinite):
+        raise ProblemError(f"bounds of {problem.name!r} are not finite in dimensions {infinite.tolist()[:10]}")
     empty = np.flatnonzero(bounds[0] > bounds[1])
     if len(empty):
         raise ProblemError(
