@@ -243,7 +243,7 @@ def check_problem(problem: Problem) -> None:
         )
     infinite = np.flatnonzero(~np.isfinite(bounds).all(axis=0))
     if len(infinite):
-        raise ProblemError(f"bounds of {problem.name!r} are not finite in dimensions {infinite.tolist()[:10]}")
+        raise ProblemError(f"bounds of {problem.name!r} are not finite in dimensions {infinite[:10]}")
     empty = np.flatnonzero(bounds[0] > bounds[1])
     if len(empty):
         raise ProblemError(
