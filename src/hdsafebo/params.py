@@ -133,10 +133,17 @@ class HandTask(Block):
 
 
 class ScsProblem(Block):
-    """What the optimisers see of the stimulation dataset."""
+    """What the optimisers see of the stimulation dataset.
+
+    Attributes:
+        embedding: latent space of the methods that search one.
+        threshold: least safe value of g = 1 - max_i mu_i (paper, appendix).
+        side: of the target muscle.
+    """
 
     embedding: str = "irvae"
-    threshold: float = 0.05
+    threshold: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    side: Literal["left", "right"] = "left"
 
 
 class ScsTask(Block):
