@@ -171,13 +171,11 @@ class Trials:
 
 
 class CandidateSet(Protocol):
-    """A finite set of inputs, the only ones that can be evaluated.
+    """A finite set of inputs, the only ones that can be evaluated."""
 
-    Attributes:
-        features: (N, p) inputs of the kernel, one row per candidate.
-    """
-
-    features: FloatArray
+    @property
+    def features(self) -> FloatArray:
+        """(N, p) inputs of the kernel, one row per candidate."""
 
     def inputs(self, rows: IntArray) -> FloatArray:
         """(k, D) inputs of the given rows."""

@@ -18,7 +18,7 @@ from hdsafebo.errors import DatasetError, UnknownNameError
 from hdsafebo.params import Params
 from hdsafebo.problem import Evaluation, FloatArray, IntArray, Problem, Safety, Trials
 from hdsafebo.problems.registry import Codec, Task
-from hdsafebo.spinal.configurations import CONFIGURATIONS, configurations
+from hdsafebo.spinal.configurations import CONFIGURATIONS, enumerate_configurations
 from hdsafebo.spinal.field_map import PIXELS, REFERENCE_CURRENT_MA, field_maps, unit_potentials
 from hdsafebo.spinal.nearest import NearestMap
 
@@ -51,7 +51,7 @@ class StimulationSet:
     @classmethod
     def build(cls, currents_ma: FloatArray) -> StimulationSet:
         """The set of all configurations at the given currents."""
-        unit = unit_potentials(configurations())
+        unit = unit_potentials(enumerate_configurations())
         return cls(unit, currents_ma, _features(unit, currents_ma), NearestMap(unit, currents_ma))
 
     def __len__(self) -> int:
@@ -159,7 +159,7 @@ def read_target(path: Path, muscle: str, side: str) -> tuple[FloatArray, FloatAr
     in_order = len(table) == len(expected) and (columns["configuration"] == expected).all()
     if not in_order or (columns["current"].reshape(CONFIGURATIONS, -1) != currents.astype(np.float32)).any():
         raise DatasetError(
-            f"{path}: {len(table)} rows, expected {len(expected)}: every configuration at every current, in order"
+            f"{path}: {len(table)} rows, expected {len(expected)}, every configuration at every current"
         )
     selectivity, safety = columns[column].astype(float), columns["g"].astype(float)
     if not (np.isfinite(selectivity).all() and np.isfinite(safety).all()):
