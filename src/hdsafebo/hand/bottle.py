@@ -1,0 +1,78 @@
+"""The bottle: a rigid capsule with a cap that shows which end is up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+
+BOTTLE = "bottle"
+BOTTLE_WELD = "hold_bottle"
+
+
+@dataclass(frozen=True)
+class Bottle:
+    """Size and surface of the bottle: those of a half-litre plastic bottle, full.
+
+    Attributes:
+        radius: of the capsule, m.
+        length: from end to end, m.
+        mass: kg, spread uniformly.
+        friction: sliding (-), torsional (m) and rolling (m) coefficients.
+    """
+
+    radius: float = 0.03
+    length: float = 0.21
+    mass: float = 0.5
+    friction: tuple[float, float, float] = (0.5, 0.01, 0.0005)
+
+
+def add_bottle(spec: mujoco.MjSpec, bottle: Bottle) -> None:
+    """Add the free bottle, and an inactive weld that holds it in the air while the hand closes.
+
+    The bottle's axis is the z axis of its body, the cap on the positive side. It touches the arm and
+    nothing else, so every contact of the simulation is one between arm and bottle.
+
+    Args:
+        spec: model to edit.
+        bottle: its size and surface.
+    """
+    half = bottle.length / 2 - bottle.radius
+    body = spec.worldbody.add_body(name=BOTTLE, pos=[0.0, 0.0, 2.0])
+    body.add_freejoint(name="bottle_free")
+    body.add_geom(
+        name="bottle_body",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        size=[bottle.radius, half, 0.0],
+        mass=bottle.mass,
+        rgba=[0.2, 0.5, 0.9, 0.6],
+        contype=0,
+        conaffinity=1,
+        condim=4,
+        priority=1,  # the bottle's friction, not the larger of the two surfaces'
+        friction=list(bottle.friction),
+        solref=[0.008, 1.0],
+        solimp=[0.95, 0.99, 0.001, 0.5, 2.0],
+    )
+    body.add_geom(
+        name="bottle_cap",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[bottle.radius / 2, 0.012, 0.0],
+        pos=[0.0, 0.0, bottle.length / 2 + 0.01],
+        mass=0.0,
+        rgba=[0.9, 0.2, 0.1, 1.0],
+        contype=0,
+        conaffinity=0,
+    )
+    weld = spec.add_equality(
+        name=BOTTLE_WELD,
+        type=mujoco.mjtEq.mjEQ_WELD,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=BOTTLE,
+        name2="world",
+        active=False,
+        solref=[0.004, 1.0],
+    )
+    data = [0.0] * len(weld.data)
+    data[6] = data[10] = 1.0  # identity orientation and unit torque scale
+    weld.data = data

@@ -1,0 +1,148 @@
+"""Evaluates batches of linear policies, each in one episode.
+
+Every evaluation runs through `BottleSimulation`, one physics step after the other, and depends on the
+policy alone, so results are the same to the bit for any batch, order, executor and number of workers.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdsafebo.hand.model import Variant, hand_model
+from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.simulation import HORIZON, BottleSimulation
+
+FloatArray = NDArray[np.float64]
+FINAL_STEPS = 20
+UPRIGHT_TILT = 0.35
+
+_local = threading.local()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What an evaluation needs besides the policy; small, so that it travels to workers.
+
+    Attributes:
+        variant: which hand.
+        roll: of the arm, rad.
+        horizon: control steps per episode.
+    """
+
+    variant: str = "extended"
+    roll: float = 1.2
+    horizon: int = HORIZON
+
+    def simulation(self) -> BottleSimulation:
+        """The simulation of this scene, made once per thread."""
+        made: dict[Scene, BottleSimulation] = _local.__dict__.setdefault("simulations", {})
+        if self not in made:
+            made[self] = BottleSimulation(hand_model(cast(Variant, self.variant), self.roll), self.horizon)
+        return made[self]
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Outcomes of n episodes.
+
+    Attributes:
+        total_reward: (n,) sum of rewards; NaN where the simulation failed.
+        landing_speed: (n,) speed of the bottle when it crossed 0.4 m, or at the end of the episode, m/s.
+        handling_speed: (n,) largest speed of the bottle while something touched it, m/s.
+        dropped: (n,) the bottle fell below 0.4 m.
+        tilt: (n,) mean tilt over the last 20 steps, rad.
+        leaning: (n,) share of the last 20 steps in which the bottle touched the forearm.
+        steps: (n,) control steps.
+        failures: (n,) why a simulation failed, or None.
+    """
+
+    total_reward: FloatArray
+    landing_speed: FloatArray
+    handling_speed: FloatArray
+    dropped: NDArray[np.bool_]
+    tilt: FloatArray
+    leaning: FloatArray
+    steps: NDArray[np.int64]
+    failures: tuple[str | None, ...]
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """(n,) True where the simulation failed."""
+        return np.array([reason is not None for reason in self.failures], bool)
+
+    @property
+    def upright(self) -> NDArray[np.bool_]:
+        """(n,) True where the bottle ended upright (tilt below 0.35 rad), in the hand, not against the forearm."""
+        return (self.tilt < UPRIGHT_TILT) & ~self.dropped & (self.leaning == 0) & ~self.failed
+
+
+def evaluate_policies(scene: Scene, space: PolicySpace, parameters: FloatArray, executor: Executor | None = None) -> Episodes:
+    """Run one episode per policy.
+
+    Args:
+        scene: hand and horizon.
+        space: how parameters become policies.
+        parameters: (n, space.dimension).
+        executor: spreads the policies over its workers; None evaluates them here, one by one.
+
+    Raises:
+        HandModelError: policies of the wrong shape, or not finite.
+    """
+    jobs = [(scene, space, weights) for weights in space.weights(parameters)]
+    rows = list(map(_episode, jobs) if executor is None else executor.map(_episode, jobs))
+    return _collect(rows)
+
+
+def _collect(rows: Sequence[tuple[float, float, float, bool, float, float, int, str | None]]) -> Episodes:
+    """The table of single episodes."""
+    if not rows:
+        empty = np.empty(0)
+        return Episodes(empty, empty, empty, np.empty(0, bool), empty, empty, np.empty(0, np.int64), ())
+    total, landing, handling, dropped, tilts, leaning, steps, failures = zip(*rows, strict=True)
+    return Episodes(
+        np.array(total),
+        np.array(landing),
+        np.array(handling),
+        np.array(dropped, bool),
+        np.array(tilts),
+        np.array(leaning),
+        np.array(steps, np.int64),
+        tuple(failures),
+    )
+
+
+def _episode(job: tuple[Scene, PolicySpace, FloatArray]) -> tuple[float, float, float, bool, float, float, int, str | None]:
+    """One policy in one episode; the columns of `Episodes`."""
+    scene, space, weights = job
+    simulation = scene.simulation()
+    observation = simulation.reset()
+    total = 0.0
+    tilts: list[float] = []
+    leaning: list[bool] = []
+    while True:
+        step = simulation.step(space.excitation(weights, observation))
+        observation = step.observation
+        total += step.reward.total
+        tilts.append(step.tilt)
+        leaning.append(step.on_forearm)
+        if step.ended:
+            break
+    if step.failure is not None:
+        return np.nan, np.nan, np.nan, False, np.nan, np.nan, simulation.steps, step.failure
+    return (
+        total,
+        simulation.bottle_speed,
+        simulation.peak_contact_speed,
+        step.dropped,
+        float(np.mean(tilts[-FINAL_STEPS:])),
+        float(np.mean(leaning[-FINAL_STEPS:])),
+        simulation.steps,
+        None,
+    )
