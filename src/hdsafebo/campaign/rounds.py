@@ -1,0 +1,213 @@
+"""The rounds of one run on disk: results as they are acknowledged, and the optimiser's last saved state.
+
+A run has a directory of its own, named by the digest of everything that determines it:
+
+    rounds.log      one record per finished round, durable before the next one begins
+    state-<round>   the optimiser's state after that round, to continue without computing rounds again
+    lock            held while the run is computed
+"""
+
+from __future__ import annotations
+
+import base64
+import fcntl
+import hashlib
+import math
+import os
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from hdsafebo.campaign.journal import Journal, sync_directory
+from hdsafebo.campaign.provenance import digest_file, digest_json
+from hdsafebo.campaign.run_file import Rows
+from hdsafebo.errors import JournalError
+from hdsafebo.problem import Trials
+
+_KEY_LENGTH = 24
+_LOCK_POLL_S = 0.2
+_STATE_PREFIX = "state-"
+
+
+@dataclass(frozen=True)
+class Round:
+    """A finished round.
+
+    Attributes:
+        points: digest of what was evaluated (see `points_digest`).
+        rows: its rows in the run file.
+    """
+
+    points: str
+    rows: Rows
+
+
+def points_digest(trials: Trials) -> str:
+    """SHA-256 of the points of a round, to the bit: inputs, codes and candidate rows."""
+    state = hashlib.sha256()
+    for array in (trials.x, trials.z, trials.candidate.astype(np.int64)):
+        state.update(f"{array.dtype.str}{array.shape}".encode())
+        state.update(np.ascontiguousarray(array).tobytes())
+    return state.hexdigest()
+
+
+class RunJournal:
+    """What is on disk of one run; one process at a time.
+
+    Args:
+        directory: the journal's directory, with those of all runs.
+        name: readable part of the run's directory.
+        identity: everything that determines the run, plain data.
+        patience_s: how long to wait for a process that computes the same run.
+
+    Raises:
+        JournalError: the run's files are damaged or contradict each other, cannot be written, or
+            another process holds the run.
+    """
+
+    def __init__(
+        self, directory: Path, name: str, identity: Mapping[str, object], *, patience_s: float = 60.0
+    ) -> None:
+        self.directory = directory / f"{name}-{digest_json(identity)[:_KEY_LENGTH]}"
+        self._log = Journal(self.directory / "rounds.log")
+        self._lock = -1
+        try:
+            self._lock = self._acquire(patience_s)
+            self._log.refresh()
+            self._log.append("identity", identity)
+            self.rounds = self._read_rounds()
+            self._state = self._read_state()
+        except BaseException:
+            self.close()
+            raise
+
+    def append(self, entry: Round) -> None:
+        """Make the next round durable; the same one again changes nothing."""
+        number = len(self.rounds)
+        self._log.append(f"round-{number}", {"points": entry.points, "rows": _to_plain(entry.rows)})
+        self.rounds.append(entry)
+
+    def save_state(self, save: Callable[[Path], None]) -> None:
+        """Make the optimiser's state after the last round durable, in place of the previous one.
+
+        Args:
+            save: writes the state to the file it is given.
+        """
+        number = len(self.rounds) - 1
+        path = self.directory / f"{_STATE_PREFIX}{number}"
+        temporary = self.directory / "unfinished-state"
+        try:
+            save(temporary)
+            _sync_file(temporary)
+            temporary.replace(path)
+            sync_directory(self.directory)
+        except OSError as error:
+            raise JournalError(
+                f"{path}: cannot be written: {error.strerror or error}; finished rounds are kept"
+            ) from error
+        self._log.append(path.name, {"sha256": digest_file(path)})
+        self._remove_states(keep=number)
+        self._state = number, path
+
+    def state(self) -> tuple[int, Path] | None:
+        """The last round whose state was saved, and the file; None without one."""
+        return self._state
+
+    def close(self) -> None:
+        """Let other processes have the run."""
+        self._log.close()
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+
+    def __enter__(self) -> RunJournal:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _acquire(self, patience_s: float) -> int:
+        handle = os.open(self.directory / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        deadline = time.monotonic() + patience_s
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                if time.monotonic() > deadline:
+                    os.close(handle)
+                    raise JournalError(
+                        f"{self.directory}: another process computes this run since {patience_s:.0f} s or more"
+                    ) from None
+                time.sleep(_LOCK_POLL_S)
+            else:
+                return handle
+
+    def _read_rounds(self) -> list[Round]:
+        numbers = sorted(int(k.removeprefix("round-")) for k in self._log.records if k.startswith("round-"))
+        if numbers != list(range(len(numbers))):
+            raise JournalError(
+                f"{self._log.path}: holds rounds {numbers}; expected 0, 1, 2, ... without a gap"
+            )
+        records = [cast(dict[str, Any], self._log.records[f"round-{n}"]) for n in numbers]
+        return [Round(record["points"], _from_plain(record["rows"])) for record in records]
+
+    def _read_state(self) -> tuple[int, Path] | None:
+        """The newest state that was acknowledged; older and unfinished ones are removed."""
+        numbers = [
+            int(k.removeprefix(_STATE_PREFIX)) for k in self._log.records if k.startswith(_STATE_PREFIX)
+        ]
+        if not numbers:
+            return None
+        path = self.directory / f"{_STATE_PREFIX}{max(numbers)}"
+        expected = cast(dict[str, str], self._log.records[path.name])["sha256"]
+        if max(numbers) >= len(self.rounds):
+            raise JournalError(f"{path}: belongs to a round that {self._log.path} does not have")
+        if not path.exists() or digest_file(path) != expected:
+            what = "is damaged" if path.exists() else "is missing"
+            raise JournalError(f"{path}: {what}; remove {self.directory} to compute the run again")
+        self._remove_states(keep=max(numbers))
+        return max(numbers), path
+
+    def _remove_states(self, keep: int) -> None:
+        for path in self.directory.glob(f"{_STATE_PREFIX}*"):
+            if path.name != f"{_STATE_PREFIX}{keep}":
+                path.unlink()
+
+
+def _to_plain(rows: Rows) -> dict[str, object]:
+    """JSON-able columns: NaN as null, codes in base64; floats keep every bit in decimal."""
+    plain: dict[str, object] = {}
+    for name, column in rows.items():
+        if name == "z":
+            code = np.ascontiguousarray(column, "<f4")
+            plain[name] = {"shape": list(code.shape), "float32": base64.b64encode(code.tobytes()).decode()}
+        elif column.dtype.kind == "f":
+            plain[name] = [None if math.isnan(v) else v for v in column.tolist()]
+        else:
+            plain[name] = {"type": column.dtype.str, "values": column.tolist()}
+    return plain
+
+
+def _from_plain(plain: Mapping[str, Any]) -> Rows:
+    rows: Rows = {}
+    for name, column in plain.items():
+        if name == "z":
+            code = np.frombuffer(base64.b64decode(column["float32"]), "<f4")
+            rows[name] = code.reshape(column["shape"])
+        elif isinstance(column, list):
+            rows[name] = np.array([math.nan if v is None else v for v in column])
+        else:
+            rows[name] = np.array(column["values"], column["type"])
+    return rows
+
+
+def _sync_file(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
