@@ -1,7 +1,7 @@
-"""The contact configurations of the stimulation set (paper, stimulation task).
+"""The contact configurations of the stimulation dataset and the currents they split.
 
-One cathode with one to three anodes, then two cathodes with one or two anodes, among 16 contacts:
-16 (15 + 105 + 455) + 120 (14 + 91) = 21,800 configurations.
+One cathode with one to three anodes, or two cathodes with one or two anodes:
+16 * (15 + 105 + 455) + 120 * (14 + 91) = 21,800 (paper, stimulation task).
 """
 
 from __future__ import annotations
@@ -12,23 +12,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 CONTACTS = 16
-ANODES_OF = {1: (1, 2, 3), 2: (1, 2)}  # numbers of anodes, by the number of cathodes
+PATTERNS = ((1, 1), (1, 2), (1, 3), (2, 1), (2, 2))  # (cathodes, anodes)
 CONFIGURATIONS = 21_800
 
 
-def configurations() -> NDArray[np.int8]:
+def enumerate_configurations() -> NDArray[np.int8]:
     """Polarity of each contact, -1 cathode, 0 off, +1 anode, shape (21800, 16).
 
-    Ordered by the number of cathodes, the cathodes, the number of anodes, and the anodes.
+    The order is that of `PATTERNS`, then lexicographic in the cathodes, then in the anodes.
     """
-    polarity = np.zeros((CONFIGURATIONS, CONTACTS), dtype=np.int8)
-    row = 0
-    for n_cathodes, anode_numbers in ANODES_OF.items():
-        for cathodes in combinations(range(CONTACTS), n_cathodes):
-            free = [contact for contact in range(CONTACTS) if contact not in cathodes]
-            for n_anodes in anode_numbers:
-                for anodes in combinations(free, n_anodes):
-                    polarity[row, cathodes] = -1
-                    polarity[row, anodes] = 1
-                    row += 1
-    return polarity
+    rows = []
+    for cathodes, anodes in PATTERNS:
+        for negative in combinations(range(CONTACTS), cathodes):
+            rest = [c for c in range(CONTACTS) if c not in negative]
+            for positive in combinations(rest, anodes):
+                row = np.zeros(CONTACTS, dtype=np.int8)
+                row[list(negative)] = -1
+                row[list(positive)] = 1
+                rows.append(row)
+    return np.array(rows)
+
+
+def current_shares(polarity: NDArray[np.int8]) -> NDArray[np.float64]:
+    """Share of the stimulation current through each contact, shape (n, 16).
+
+    Cathodes carry -1 and anodes +1 in all, in equal parts, so the currents of a configuration add up to zero.
+    """
+    positive, negative = polarity > 0, polarity < 0
+    return positive / positive.sum(axis=1, keepdims=True) - negative / negative.sum(axis=1, keepdims=True)

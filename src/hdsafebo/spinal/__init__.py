@@ -1,0 +1,1 @@
+"""The spinal cord: finite-element model, muscle activation, stimulation set, field maps."""

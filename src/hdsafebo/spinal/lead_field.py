@@ -1,0 +1,165 @@
+"""Lead fields: the potential that 1 mA through each contact raises everywhere."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdsafebo.spinal.anatomy import CONTACT_LENGTH, CONTACT_WIDTH, Anatomy
+from hdsafebo.spinal.assembly import Contact, contact_currents, stiffness
+from hdsafebo.spinal.conductivity import Conductivity
+from hdsafebo.spinal.mesh import PrismMesh
+from hdsafebo.spinal.solver import FastDiagonalisation, LeadFieldError, conjugate_gradients
+
+Array = NDArray[np.float64]
+
+MILLIVOLTS = 1e3
+_ARRAYS = ("section_nodes", "triangles", "tissue", "tissues", "z", "x", "y", "contacts", "potential")
+
+
+@dataclass(frozen=True)
+class LeadField:
+    """Potentials of unit currents, against the outer surface of the model.
+
+    Attributes:
+        section_nodes: reference section, mm, shape (2, nodes).
+        triangles: shape (3, triangles).
+        tissue: index into `tissues`, shape (triangles,).
+        tissues: names, shape (tissues,).
+        z: slices, mm, shape (slices,).
+        x, y: nodes of each slice, mm, shape (slices, nodes).
+        contacts: centres (x, z) in mm, shape (contacts, 2).
+        potential: mV per mA, shape (slices, nodes, contacts).
+    """
+
+    section_nodes: Array
+    triangles: NDArray[np.intp]
+    tissue: NDArray[np.intp]
+    tissues: NDArray[np.str_]
+    z: Array
+    x: Array
+    y: Array
+    contacts: Array
+    potential: NDArray[np.floating]
+
+    def save(self, path: Path) -> None:
+        """Write an .npz of plain arrays; the potential in single precision."""
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        np.savez_compressed(path, **arrays | {"potential": self.potential.astype(np.float32)})
+
+    @classmethod
+    def load(cls, path: Path) -> LeadField:
+        """Read a file that `save` wrote.
+
+        Raises:
+            LeadFieldError: the file is missing, damaged, holds other arrays, or they do not fit together.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                found = cls(**{name: file[name] for name in _ARRAYS})
+        except FileNotFoundError as error:
+            raise LeadFieldError(f"{path}: no such file; the stage solve_lead_field writes it") from error
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise LeadFieldError(f"{path}: not a lead field: {error}") from error
+        slices, nodes = found.x.shape if found.x.ndim == 2 else (0, 0)
+        expected = {
+            "section_nodes": (2, nodes),
+            "z": (slices,),
+            "y": (slices, nodes),
+            "potential": (slices, nodes, len(found.contacts)),
+        }
+        for name, shape in expected.items():
+            value = getattr(found, name)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise LeadFieldError(
+                    f"{path}: {name} has shape {value.shape}, expected {shape} of finite numbers"
+                )
+        return found
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Potentials and what proves them.
+
+    Attributes:
+        potential: V per mA, shape (slices, nodes, contacts).
+        iterations: of the conjugate gradients.
+        unknowns: of the linear system.
+        resistance: potential of contact i per mA through contact j, V/mA, shape (contacts, contacts).
+        outflow: share of each contact's current that leaves through the outer surface, shape (contacts,).
+    """
+
+    potential: Array
+    iterations: int
+    unknowns: int
+    resistance: Array
+    outflow: Array
+
+    @property
+    def reciprocity_error(self) -> float:
+        """Largest |R - R'| relative to the entry; zero for an exact solution."""
+        return float(np.max(np.abs(self.resistance - self.resistance.T) / np.abs(self.resistance)))
+
+    @property
+    def current_error(self) -> float:
+        """Largest difference between the current that enters and that leaves, relative."""
+        return float(np.max(np.abs(self.outflow - 1)))
+
+
+def cord_contacts(anatomy: Anatomy, mesh: PrismMesh) -> list[Contact]:
+    """The 16 contacts on the paddle's face."""
+    edges = mesh.section.contact_edges
+    x, y = mesh.section.nodes[:, edges]
+    on_face = np.all(np.abs(y - anatomy.paddle_face) < 1e-6, axis=1)
+    return [
+        Contact(
+            edges[on_face & np.all(np.abs(x - centre) < CONTACT_WIDTH / 2 + 1e-6, axis=1)],
+            z - CONTACT_LENGTH / 2,
+            z + CONTACT_LENGTH / 2,
+        )
+        for centre, z in anatomy.contacts()
+    ]
+
+
+def solve(
+    mesh: PrismMesh, conductivity: Conductivity, contacts: list[Contact], tolerance: float = 1e-8
+) -> Solution:
+    """Potentials of 1 mA through each contact; zero on the outer surface, ends insulated.
+
+    Args:
+        mesh: prisms.
+        conductivity: of every prism.
+        contacts: where the currents enter.
+        tolerance: of the relative residual.
+
+    Raises:
+        LeadFieldError: the iterations do not converge.
+    """
+    nodes = mesh.x.shape[1]
+    free = np.setdiff1d(np.arange(nodes), mesh.section.boundary)
+    unknown = (np.arange(len(mesh.z))[:, None] * nodes + free).ravel()
+    matrix = stiffness(mesh, conductivity)
+    loads = contact_currents(mesh, contacts)
+    values, iterations = conjugate_gradients(
+        matrix[unknown][:, unknown], loads[unknown], FastDiagonalisation(mesh, conductivity, free), tolerance
+    )
+    potential = np.zeros_like(loads)
+    potential[unknown] = values
+    fixed = np.setdiff1d(np.arange(len(loads)), unknown)
+    outflow = -np.asarray(matrix[fixed] @ potential).sum(axis=0) + loads[fixed].sum(axis=0)
+    return Solution(
+        potential.reshape(len(mesh.z), nodes, -1), iterations, len(unknown), loads.T @ potential, outflow
+    )
+
+
+def as_lead_field(mesh: PrismMesh, anatomy: Anatomy, solution: Solution) -> LeadField:
+    """The solution together with the mesh it lives on."""
+    section = mesh.section
+    return LeadField(
+        section.nodes, section.triangles, section.tissue, np.array(section.tissues), mesh.z, mesh.x, mesh.y,
+        anatomy.contacts(), solution.potential * MILLIVOLTS,
+    )  # fmt: skip
