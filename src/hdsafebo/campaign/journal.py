@@ -39,7 +39,7 @@ class Journal:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.records: dict[str, object] = {}
-        self._texts: dict[str, str] = {}
+        self._digests: dict[str, str] = {}  # of the values, to notice conflicts
         self._end = 0  # bytes of the file that are known to be good
         self._digest = _START
         with self._explained("opened"):
@@ -72,8 +72,8 @@ class Journal:
         text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
         with self._explained("written"), self._locked():
             self._catch_up()
-            if key in self._texts:
-                if self._texts[key] != text:
+            if key in self._digests:
+                if self._digests[key] != _sha256(text):
                     raise JournalError(
                         f"{self.path}: record {key!r} is already there with another value; the first is kept"
                     )
@@ -133,12 +133,12 @@ class Journal:
     def _read(self, line: bytes) -> None:
         try:
             digest, key, text = line.decode().split(" ", 2)
-            good = digest == _chain(self._digest, key, text) and key not in self._texts
+            good = digest == _chain(self._digest, key, text) and key not in self._digests
         except ValueError:  # not UTF-8, or too few parts
             good = False
         if not good:
             raise JournalError(
-                f"{self.path}: damaged after {len(self._texts)} good records (byte {self._end}); "
+                f"{self.path}: damaged after {len(self._digests)} good records (byte {self._end}); "
                 f"restore the file from a copy, or remove {self.path.parent} to compute the run again"
             )
         self._accept(key, text, digest, len(line) + 1)
@@ -156,7 +156,7 @@ class Journal:
         os.fsync(self._file)
 
     def _accept(self, key: str, text: str, digest: str, length: int) -> None:
-        self._texts[key] = text
+        self._digests[key] = _sha256(text)
         self.records[key] = json.loads(text)
         self._digest = digest
         self._end += length
@@ -198,4 +198,8 @@ def sync_directory(path: Path) -> None:
 
 
 def _chain(previous: str, key: str, text: str) -> str:
-    return hashlib.sha256(f"{previous}{key} {text}".encode()).hexdigest()
+    return _sha256(f"{previous}{key} {text}")
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -52,11 +52,13 @@ def digest_paths(paths: Iterable[Path], root: Path) -> str:
 def git_state(root: Path) -> tuple[str, bool] | None:
     """The revision that is checked out at `root` and whether tracked files differ from it.
 
-    None where there is no git, no repository or no commit.
+    `dvc.lock` does not count: the pipeline itself writes it while it runs. None where there is no git, no
+    repository or no commit.
     """
     try:
         revision = _git(root, "rev-parse", "HEAD")
-        return revision.strip(), bool(_git(root, "status", "--porcelain", "--untracked-files=no").strip())
+        changes = _git(root, "status", "--porcelain", "--untracked-files=no", "--", ".", ":!dvc.lock")
+        return revision.strip(), bool(changes.strip())
     except (OSError, subprocess.SubprocessError):
         return None
 

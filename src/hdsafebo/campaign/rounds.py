@@ -22,7 +22,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from hdsafebo.campaign.journal import Journal, sync_directory
+from hdsafebo.campaign.journal import Journal
 from hdsafebo.campaign.provenance import digest_file, digest_json
 from hdsafebo.campaign.run_file import Rows
 from hdsafebo.errors import JournalError
@@ -30,6 +30,7 @@ from hdsafebo.problem import Trials
 
 _KEY_LENGTH = 24
 _LOCK_POLL_S = 0.2
+_ROUND_PREFIX = "round-"
 _STATE_PREFIX = "state-"
 
 
@@ -88,29 +89,20 @@ class RunJournal:
     def append(self, entry: Round) -> None:
         """Make the next round durable; the same one again changes nothing."""
         number = len(self.rounds)
-        self._log.append(f"round-{number}", {"points": entry.points, "rows": _to_plain(entry.rows)})
+        self._log.append(f"{_ROUND_PREFIX}{number}", {"points": entry.points, "rows": _to_plain(entry.rows)})
         self.rounds.append(entry)
 
     def save_state(self, save: Callable[[Path], None]) -> None:
         """Make the optimiser's state after the last round durable, in place of the previous one.
 
         Args:
-            save: writes the state to the file it is given.
+            save: writes the state to the file it is given, which is complete and durable when it returns.
         """
         number = len(self.rounds) - 1
         path = self.directory / f"{_STATE_PREFIX}{number}"
-        temporary = self.directory / "unfinished-state"
-        try:
-            save(temporary)
-            _sync_file(temporary)
-            temporary.replace(path)
-            sync_directory(self.directory)
-        except OSError as error:
-            raise JournalError(
-                f"{path}: cannot be written: {error.strerror or error}; finished rounds are kept"
-            ) from error
+        save(path)
         self._log.append(path.name, {"sha256": digest_file(path)})
-        self._remove_states(keep=number)
+        self._keep_state(path)
         self._state = number, path
 
     def state(self) -> tuple[int, Path] | None:
@@ -131,7 +123,10 @@ class RunJournal:
         self.close()
 
     def _acquire(self, patience_s: float) -> int:
-        handle = os.open(self.directory / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            handle = os.open(self.directory / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise JournalError(f"{self.directory}: the lock cannot be opened: {error.strerror}") from error
         deadline = time.monotonic() + patience_s
         while True:
             try:
@@ -140,19 +135,19 @@ class RunJournal:
                 if time.monotonic() > deadline:
                     os.close(handle)
                     raise JournalError(
-                        f"{self.directory}: another process computes this run since {patience_s:.0f} s or more"
+                        f"{self.directory}: another process has computed this run for over {patience_s:.0f} s"
                     ) from None
                 time.sleep(_LOCK_POLL_S)
             else:
                 return handle
 
     def _read_rounds(self) -> list[Round]:
-        numbers = sorted(int(k.removeprefix("round-")) for k in self._log.records if k.startswith("round-"))
+        numbers = self._numbers(_ROUND_PREFIX)
         if numbers != list(range(len(numbers))):
             raise JournalError(
                 f"{self._log.path}: holds rounds {numbers}; expected 0, 1, 2, ... without a gap"
             )
-        records = [cast(dict[str, Any], self._log.records[f"round-{n}"]) for n in numbers]
+        records = [cast(dict[str, Any], self._log.records[f"{_ROUND_PREFIX}{n}"]) for n in numbers]
         return [Round(record["points"], _from_plain(record["rows"])) for record in records]
 
     def _read_state(self) -> tuple[int, Path] | None:
@@ -169,12 +164,16 @@ class RunJournal:
         if not path.exists() or digest_file(path) != expected:
             what = "is damaged" if path.exists() else "is missing"
             raise JournalError(f"{path}: {what}; remove {self.directory} to compute the run again")
-        self._remove_states(keep=max(numbers))
+        self._keep_state(path)
         return max(numbers), path
 
-    def _remove_states(self, keep: int) -> None:
-        for path in self.directory.glob(f"{_STATE_PREFIX}*"):
-            if path.name != f"{_STATE_PREFIX}{keep}":
+    def _numbers(self, prefix: str) -> list[int]:
+        return sorted(int(key.removeprefix(prefix)) for key in self._log.records if key.startswith(prefix))
+
+    def _keep_state(self, kept: Path) -> None:
+        """Remove older states, and what a killed process left of an unfinished one."""
+        for path in self.directory.glob(f"*{_STATE_PREFIX}*"):
+            if path != kept:
                 path.unlink()
 
 
@@ -203,11 +202,3 @@ def _from_plain(plain: Mapping[str, Any]) -> Rows:
         else:
             rows[name] = np.array(column["values"], column["type"])
     return rows
-
-
-def _sync_file(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

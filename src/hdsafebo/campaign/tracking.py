@@ -11,6 +11,7 @@ import os
 import re
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -123,9 +124,11 @@ class Tracker:
         if not self.enabled:
             return
         try:
-            if self._client is None:
-                self._client = self._open()
-            write(self._client)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # deprecations between the mirror's libraries
+                if self._client is None:
+                    self._client = self._open()
+                write(self._client)
         except Exception as error:  # the mirror's libraries raise anything from OSError to SQLAlchemy's own
             self.enabled = False
             reason = " ".join(f"{tracking_uri(self.root)}: {type(error).__name__}: {error}".split())
