@@ -1,0 +1,117 @@
+"""Saving an optimiser to a file and going on from it as if nothing had happened, to the bit."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from hdsafebo.errors import HdSafeBOError, StateFileError
+from hdsafebo.optimizers.state_file import read_state, write_state
+from hdsafebo.problem import Problem, Trials
+from hdsafebo.surrogate import SurrogateState
+
+if TYPE_CHECKING:
+    from hdsafebo.optimizers.base import Codec, Optimizer
+
+T = TypeVar("T", bound="Optimizer")
+_TRIALS = "trials."
+_METHOD = "method."
+_CODES_CHECKED = 8
+
+
+def save_optimizer(optimizer: Optimizer, path: Path) -> None:
+    """Write the state of an optimiser; see `Optimizer.save`."""
+    method_state, method_arrays = optimizer.method_state()
+    space = optimizer._space
+    state = {
+        "method": optimizer.name,
+        "settings": optimizer.settings.model_dump(mode="json", exclude_unset=True),
+        "problem": _identity(optimizer.problem),
+        "embedded": optimizer.embedding is not None,
+        "round": optimizer.round,
+        "generator": optimizer.rng.bit_generator.state,
+        "start": None if optimizer._start is None else optimizer._start.to_json(),
+        "next_start": None if optimizer._next_start is None else optimizer._next_start.to_json(),
+        "method_state": method_state,
+    }
+    arrays = {_TRIALS + f.name: getattr(optimizer.trials, f.name) for f in fields(Trials)}
+    arrays |= {_METHOD + name: value for name, value in method_arrays.items()}
+    arrays["problem.bounds"] = optimizer.problem.bounds
+    if space is not None:
+        arrays["bounds"] = space.bounds
+    write_state(path, state, arrays)
+
+
+def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec | None) -> T:
+    """Read the state of an optimiser; see `Optimizer.load`."""
+    state, arrays = read_state(path)
+    try:
+        _check_identity(kind, path, state, arrays, problem, embedding)
+        optimizer = kind(problem, embedding=embedding, bounds=arrays.get("bounds"), **state["settings"])
+        trials = Trials(**{f.name: arrays[_TRIALS + f.name] for f in fields(Trials)})
+        _check_codes(path, trials, optimizer)
+        optimizer._ledger.append(trials)
+        optimizer.round = state["round"]
+        optimizer.rng.bit_generator.state = state["generator"]
+        optimizer._start = _fits(state["start"])
+        optimizer._next_start = _fits(state["next_start"])
+        method_arrays = {n.removeprefix(_METHOD): a for n, a in arrays.items() if n.startswith(_METHOD)}
+        optimizer.restore_method_state(state["method_state"], method_arrays)
+    except StateFileError:
+        raise
+    except (HdSafeBOError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise StateFileError(f"{path}: damaged state: {type(error).__name__}: {error}") from error
+    return optimizer
+
+
+def _fits(data: dict[str, Any] | None) -> SurrogateState | None:
+    return None if data is None else SurrogateState.from_json(data)
+
+
+def _identity(problem: Problem) -> dict[str, Any]:
+    safety = [[s.name, s.threshold, s.modelled, s.transform is not None] for s in problem.safety]
+    candidates = None if problem.candidates is None else len(problem.candidates.features)
+    return {"name": problem.name, "safety": safety, "candidates": candidates}
+
+
+def _check_identity(
+    kind: type[Optimizer],
+    path: Path,
+    state: dict[str, Any],
+    arrays: dict[str, Any],
+    problem: Problem,
+    embedding: Codec | None,
+) -> None:
+    """Refuse a state that belongs to something else."""
+    if state["method"] != kind.name:
+        raise StateFileError(f"{path}: state of method {state['method']!r}; expected {kind.name!r}")
+    identity = _identity(problem)
+    for key, value in identity.items():
+        if state["problem"].get(key) != value:
+            raise StateFileError(
+                f"{path}: {key} of the problem was {state['problem'].get(key)!r}; expected {value!r}"
+            )
+    if not np.array_equal(arrays["problem.bounds"], problem.bounds):
+        raise StateFileError(f"{path}: bounds of problem {problem.name!r} differ from those that were saved")
+    if state["embedded"] != (embedding is not None):
+        raise StateFileError(
+            f"{path}: saved {'with' if state['embedded'] else 'without'} an embedding, expected the same"
+        )
+
+
+def _check_codes(path: Path, trials: Trials, optimizer: Optimizer) -> None:
+    """Refuse another embedding than the one the codes were made with, and tables that do not fit together."""
+    if len({len(getattr(trials, f.name)) for f in fields(Trials)}) != 1:
+        raise StateFileError(f"{path}: columns of the trials differ in length")
+    if not np.array_equal(trials.id, np.arange(len(trials))):
+        raise StateFileError(f"{path}: ids of the trials are not 0 to {len(trials) - 1}")
+    if len(trials):
+        x = trials.x[:_CODES_CHECKED]
+        z = x if optimizer.embedding is None else np.asarray(optimizer.embedding.encode(x), float)
+        if z.shape != trials.z[:_CODES_CHECKED].shape or not np.allclose(
+            z, trials.z[:_CODES_CHECKED], rtol=1e-6, atol=1e-9
+        ):
+            raise StateFileError(f"{path}: the embedding gives other codes than those that were saved")

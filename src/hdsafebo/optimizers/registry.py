@@ -1,0 +1,103 @@
+"""Methods by name. Nothing is imported before a method is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hdsafebo.errors import UnknownNameError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from hdsafebo.optimizers.base import Codec, Optimizer
+    from hdsafebo.problem import Problem
+
+ORIGINAL_SUFFIX = "_original"
+
+
+@dataclass(frozen=True)
+class Method:
+    """Where a method is defined, and the settings that its name stands for.
+
+    Attributes:
+        module: module within `hdsafebo.optimizers`.
+        kind: class.
+        settings: fixed settings.
+    """
+
+    module: str
+    kind: str
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+METHODS: dict[str, Method] = {
+    "hdsafebo": Method("hdsafebo", "HdSafeBO"),
+    "hdsafebo_local": Method("hdsafebo_local", "HdSafeBOLocal"),
+    # ablations of the paper (figures of its appendix): no local search, no optimism, other confidence
+    "hdsafebo_global": Method("hdsafebo", "HdSafeBO", {"local": False}),
+    "hdsafebo_pessimistic": Method("hdsafebo", "HdSafeBO", {"beta": -2.0}),
+    "hdsafebo_beta0": Method("hdsafebo", "HdSafeBO", {"beta": 0.0}),
+    "hdsafebo_beta4": Method("hdsafebo", "HdSafeBO", {"beta": 4.0}),
+    "hdsafebo_beta8": Method("hdsafebo", "HdSafeBO", {"beta": 8.0}),
+    "hdsafebo_beta16": Method("hdsafebo", "HdSafeBO", {"beta": 16.0}),
+}
+"""Every method. A name with the suffix `_original` is the same method on the problem's own inputs."""
+
+
+def method_names() -> list[str]:
+    """All valid names."""
+    return [*METHODS, *(name + ORIGINAL_SUFFIX for name in METHODS)]
+
+
+def method_class(name: str) -> tuple[type[Optimizer], dict[str, Any]]:
+    """The class behind a name, and the settings that the name stands for.
+
+    Raises:
+        UnknownNameError: there is no such method; the message lists the names.
+    """
+    method = METHODS.get(name.removesuffix(ORIGINAL_SUFFIX))
+    if method is None:
+        raise UnknownNameError("method", name, [*METHODS, f"any of these with {ORIGINAL_SUFFIX}"])
+    module = import_module(f"hdsafebo.optimizers.{method.module}")
+    return getattr(module, method.kind), method.settings
+
+
+def make_optimizer(
+    name: str,
+    problem: Problem,
+    *,
+    embedding: Codec | None = None,
+    seed: int = 0,
+    bounds: ArrayLike | None = None,
+    **settings: Any,
+) -> Optimizer:
+    """Make an optimiser by the name of its method.
+
+    Args:
+        name: name of the method; with the suffix `_original` embedding and bounds are left aside.
+        problem: what is optimised.
+        embedding: see `Optimizer`.
+        seed: see `Optimizer`.
+        bounds: see `Optimizer`.
+        settings: settings beyond, or instead of, those that the name stands for.
+
+    Raises:
+        UnknownNameError: there is no such method.
+        ProblemError: the problem or the box is ill-posed.
+        ParamsError: a setting is unknown, of the wrong type or out of range.
+    """
+    kind, fixed = method_class(name)
+    if name.endswith(ORIGINAL_SUFFIX):
+        embedding = bounds = None
+    return kind(problem, embedding=embedding, seed=seed, bounds=bounds, **(fixed | settings))
+
+
+def load_optimizer(
+    name: str, path: str | Path, problem: Problem, embedding: Codec | None = None
+) -> Optimizer:
+    """Load an optimiser by the name of its method; see `Optimizer.load`."""
+    kind, _ = method_class(name)
+    return kind.load(path, problem, None if name.endswith(ORIGINAL_SUFFIX) else embedding)

@@ -1,0 +1,103 @@
+"""Checks of the results that an optimiser is told, before anything is changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hdsafebo.errors import TrialError
+from hdsafebo.problem import FloatArray, Problem, Status
+
+
+@dataclass(frozen=True)
+class Results:
+    """Checked results of n trials: NaN where a trial failed, finite elsewhere."""
+
+    objective: FloatArray
+    safety: FloatArray
+    status: NDArray[np.uint8]
+
+
+def check_results(
+    problem: Problem, n: int, objective: ArrayLike, safety: ArrayLike, status: ArrayLike | None
+) -> Results:
+    """Results of n trials as arrays.
+
+    Args:
+        problem: whose safety functions the columns are.
+        n: number of trials.
+        objective: (n,) values; ignored where the trial failed.
+        safety: (n, m) values, or (n,) when the problem has one safety function.
+        status: (n,) `Status.COMPLETED` or `Status.FAILED`, or one for all; None means completed.
+
+    Raises:
+        TrialError: a wrong shape, a value that is no finite number, or a status that is no result.
+    """
+    names = [s.name for s in problem.safety]
+    y = _numbers(objective, "objective")
+    g = _numbers(safety, "safety")
+    if g.ndim <= 1 and len(names) == 1:
+        g = g.reshape(-1, 1)
+    if y.ndim == 0:
+        y = y.reshape(1)
+    if y.shape != (n,):
+        raise TrialError(f"objective has shape {y.shape}; expected ({n},), one value per trial")
+    if g.shape != (n, len(names)):
+        raise TrialError(
+            f"safety has shape {g.shape}; expected ({n}, {len(names)}), one column for each of {names}"
+        )
+    states = _states(status, n)
+    completed = states == Status.COMPLETED
+    _check_finite("objective", y, completed)
+    for j, name in enumerate(names):
+        _check_finite(f"safety {name!r}", g[:, j], completed)
+    return Results(np.where(completed, y, np.nan), np.where(completed[:, None], g, np.nan), states)
+
+
+def check_points(name: str, points: ArrayLike, columns: int) -> FloatArray:
+    """(n, columns) finite numbers.
+
+    Raises:
+        TrialError: another shape, or a value that is no finite number.
+    """
+    table = _numbers(points, name)
+    if table.ndim != 2 or table.shape[1] != columns:
+        raise TrialError(f"{name} has shape {table.shape}; expected (n, {columns})")
+    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
+    if len(bad):
+        raise TrialError(
+            f"{name} holds NaN or infinite values in rows {bad.tolist()[:10]}; expected finite numbers"
+        )
+    return table
+
+
+def _numbers(values: ArrayLike, name: str) -> FloatArray:
+    try:
+        return np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise TrialError(f"{name} is not an array of numbers: {error}") from None
+
+
+def _states(status: ArrayLike | None, n: int) -> NDArray[np.uint8]:
+    if status is None:
+        return np.full(n, Status.COMPLETED, np.uint8)
+    try:
+        given = np.broadcast_to(np.asarray(status), (n,))
+    except ValueError:
+        raise TrialError(f"status has shape {np.shape(status)}; expected ({n},)") from None
+    if not np.isin(given, [Status.COMPLETED, Status.FAILED]).all():
+        raise TrialError(
+            f"status is {given.tolist()[:10]}; expected {Status.COMPLETED.value} (completed) or {Status.FAILED.value} (failed)"
+        )
+    return given.astype(np.uint8)
+
+
+def _check_finite(name: str, values: FloatArray, completed: NDArray[np.bool_]) -> None:
+    bad = np.flatnonzero(completed & ~np.isfinite(values))
+    if len(bad):
+        raise TrialError(
+            f"{name} is {values[bad[0]]} for trial number {bad[0]} of those told; expected a finite number "
+            f"(report an evaluation that gave no result with status={Status.FAILED.value})"
+        )

@@ -1,0 +1,73 @@
+"""Settings of an optimiser: immutable, checked, named in every error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from hdsafebo.errors import ParamsError
+from hdsafebo.safe_set import beta_of
+
+EmptySafeSet = Literal["mark", "abstain"]
+S = TypeVar("S", bound="OptimizerSettings")
+
+
+class OptimizerSettings(BaseModel):
+    """What every optimiser understands; methods add their own.
+
+    Attributes:
+        beta: a point is in the safe set when mu + beta * sigma >= h (paper: 2 in all experiments).
+        alpha: safe probability to promise instead, beta = Phi^-1(1 - alpha) (paper, Proposition 1).
+        empty_safe_set: when too few candidates are believed safe: "mark" proposes the most probably safe ones and marks
+            them in `Trials.marked_unsafe`; "abstain" proposes fewer trials, and raises `NoSafePointError` when there is none.
+        isotropic: divide all code dimensions by one number for the kernel, as Proposition 3 of the paper needs,
+            or each by its own width (see `search_space`); None does so when there is an embedding.
+        shortest_length_scale: limit of fitted length scales, in median distances of the data.
+        longest_length_scale: the other limit.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    beta: float = 2.0
+    alpha: float | None = Field(default=None, gt=0, lt=1)
+    empty_safe_set: EmptySafeSet = "mark"
+    isotropic: bool | None = None
+    shortest_length_scale: float = Field(default=0.005, gt=0)
+    longest_length_scale: float = Field(default=3.0, gt=0)
+
+    @model_validator(mode="after")
+    def _one_confidence(self) -> OptimizerSettings:
+        if self.alpha is not None and "beta" in self.model_fields_set:
+            raise ValueError(
+                f"alpha ({self.alpha}) and beta ({self.beta}) set the same thing; give one of them"
+            )
+        if self.shortest_length_scale > self.longest_length_scale:
+            raise ValueError(
+                f"shortest_length_scale ({self.shortest_length_scale}) exceeds longest_length_scale ({self.longest_length_scale})"
+            )
+        return self
+
+    @property
+    def confidence(self) -> float:
+        """The beta that is used: as given, or from alpha."""
+        return self.beta if self.alpha is None else beta_of(self.alpha)
+
+
+def check_settings(kind: type[S], method: str, values: Mapping[str, Any]) -> S:
+    """Settings of a method; `ParamsError` names what is unknown, of the wrong type or out of range."""
+    try:
+        return kind.model_validate(dict(values))
+    except ValidationError as error:
+        raise ParamsError("; ".join(_explain(kind, method, item) for item in error.errors())) from None
+
+
+def _explain(kind: type[OptimizerSettings], method: str, error: Any) -> str:
+    key = ".".join(str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        return f"method {method!r}: unknown setting {key!r}; valid settings: {', '.join(sorted(kind.model_fields))}"
+    message = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "value_error":
+        return f"method {method!r}: {message}"
+    return f"method {method!r}: setting {key!r}: {message}, got {error['input']!r}"
