@@ -16,7 +16,7 @@ def test_every_name_makes_an_embedding_of_that_name() -> None:
 
 def test_unknown_name_lists_the_valid_ones() -> None:
     with pytest.raises(
-        UnknownNameError, match="'umap'; valid names: identity, pca, random"
+        UnknownNameError, match="'umap'; valid names: identity, irvae, pca, random, residual, vae"
     ):
         make_embedding("umap")
 

@@ -78,7 +78,7 @@ class Embedding(ABC):
                 "points and as many columns, one per latent dimension"
             )
         self._input_dim = points.shape[1]
-        self._fit(points, rng, source if source is not None else _as_given)
+        self._fit(points, rng, source if source is not None else as_given)
         return self
 
     def encode(self, x: ArrayLike) -> FloatArray:
@@ -175,7 +175,8 @@ class Embedding(ABC):
     def _restore(self, tensors: Tensors) -> None: ...
 
 
-def _as_given(x: FloatArray, rng: np.random.Generator) -> FloatArray:
+def as_given(x: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """The source that does not vary the points."""
     return x
 
 

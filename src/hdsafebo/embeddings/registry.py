@@ -12,8 +12,11 @@ from hdsafebo.errors import EmbeddingFileError, UnknownNameError
 
 _CLASSES = {
     "identity": ("identity", "Identity"),
+    "irvae": ("autoencoder", "IRVAE"),
     "pca": ("linear", "PCA"),
     "random": ("linear", "RandomProjection"),
+    "residual": ("residual", "Residual"),
+    "vae": ("autoencoder", "VAE"),
 }
 
 
