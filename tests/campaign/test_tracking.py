@@ -58,8 +58,9 @@ def project(tmp_path: Path) -> Path:
 def write_stage(project: Path) -> None:
     table = project / "table.csv"
     table.write_text("a\n1\n")
-    with track_stage("optimize", PARAMS, project) as tracker:
-        tracker.place("synthetic", "optimize synthetic sobol", {"task": "synthetic", "method": "sobol"})
+    with track_stage("optimize", {}, project) as tracker:
+        item = {"task": "synthetic", "method": "sobol"}
+        tracker.place("synthetic", "sobol", stage="optimize", item=item, params=PARAMS)
         for seed in (1000, 1001):
             series = {"best_safe_objective": [float("nan"), 1.0, 2.0], "safety_ratio": [1.0, 0.5, 0.5]}
             tracker.log_child(f"seed {seed}", {"seed": seed}, [10, 20, 30], series)

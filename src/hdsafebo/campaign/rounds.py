@@ -32,6 +32,7 @@ _KEY_LENGTH = 24
 _LOCK_POLL_S = 0.2
 _ROUND_PREFIX = "round-"
 _STATE_PREFIX = "state-"
+_OUTCOME = "outcome"
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,12 @@ def points_digest(trials: Trials) -> str:
 class RunJournal:
     """What is on disk of one run; one process at a time.
 
+    Attributes:
+        directory: the run's directory.
+        rounds: finished rounds.
+        state: the last round whose state was saved, and the file; None without one.
+        outcome: how the run ended, plain data; None while it is not complete.
+
     Args:
         directory: the journal's directory, with those of all runs.
         name: readable part of the run's directory.
@@ -81,13 +88,15 @@ class RunJournal:
             self._log.refresh()
             self._log.append("identity", identity)
             self.rounds = self._read_rounds()
-            self._state = self._read_state()
+            self.state = self._read_state()
+            outcome = self._log.records.get(_OUTCOME)
+            self.outcome = cast(dict[str, Any], outcome) if outcome is not None else None
         except BaseException:
             self.close()
             raise
 
     def append(self, entry: Round) -> None:
-        """Make the next round durable; the same one again changes nothing."""
+        """Make the next round durable."""
         number = len(self.rounds)
         self._log.append(f"{_ROUND_PREFIX}{number}", {"points": entry.points, "rows": _to_plain(entry.rows)})
         self.rounds.append(entry)
@@ -103,11 +112,14 @@ class RunJournal:
         save(path)
         self._log.append(path.name, {"sha256": digest_file(path)})
         self._keep_state(path)
-        self._state = number, path
+        self.state = number, path
 
-    def state(self) -> tuple[int, Path] | None:
-        """The last round whose state was saved, and the file; None without one."""
-        return self._state
+    def finish(self, outcome: dict[str, Any]) -> None:
+        """Make durable that the run is complete, and how it ended; its state is needed no longer."""
+        self._log.append(_OUTCOME, outcome)
+        self.outcome = outcome
+        self.state = None
+        self._keep_state(None)
 
     def close(self) -> None:
         """Let other processes have the run."""
@@ -152,10 +164,9 @@ class RunJournal:
 
     def _read_state(self) -> tuple[int, Path] | None:
         """The newest state that was acknowledged; older and unfinished ones are removed."""
-        numbers = [
-            int(k.removeprefix(_STATE_PREFIX)) for k in self._log.records if k.startswith(_STATE_PREFIX)
-        ]
-        if not numbers:
+        numbers = self._numbers(_STATE_PREFIX)
+        if not numbers or _OUTCOME in self._log.records:
+            self._keep_state(None)
             return None
         path = self.directory / f"{_STATE_PREFIX}{max(numbers)}"
         expected = cast(dict[str, str], self._log.records[path.name])["sha256"]
@@ -170,7 +181,7 @@ class RunJournal:
     def _numbers(self, prefix: str) -> list[int]:
         return sorted(int(key.removeprefix(prefix)) for key in self._log.records if key.startswith(prefix))
 
-    def _keep_state(self, kept: Path) -> None:
+    def _keep_state(self, kept: Path | None) -> None:
         """Remove older states, and what a killed process left of an unfinished one."""
         for path in self.directory.glob(f"*{_STATE_PREFIX}*"):
             if path != kept:

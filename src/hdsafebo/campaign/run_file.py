@@ -128,6 +128,11 @@ def rows_of(
     }
 
 
+def join_rows(parts: Sequence[Rows]) -> Rows:
+    """Rows of several rounds as one table."""
+    return {name: np.concatenate([rows[name] for rows in parts]) for name in parts[0]}
+
+
 def write_run_file(path: Path, runs: Sequence[Rows], metadata: RunMetadata) -> None:
     """Write a run file; it appears whole or not at all.
 
@@ -162,8 +167,7 @@ def _table(runs: Sequence[Rows], metadata: RunMetadata) -> pyarrow.Table:
     names = ("str", pa.string()), ("bool", pa.bool_()), ("int32", pa.int32()), ("int64", pa.int64())
     arrow_types = dict(names) | {"float64": pa.float64()}
     columns: dict[str, pa.Array] = {}
-    for name in runs[0]:
-        joined = np.concatenate([rows[name] for rows in runs])
+    for name, joined in join_rows(runs).items():
         if name == "z":
             offsets = np.arange(0, joined.size + 1, joined.shape[1], dtype=np.int32)
             columns[name] = pa.ListArray.from_arrays(offsets, pa.array(joined.ravel(), pa.float32()))

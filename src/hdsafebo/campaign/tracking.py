@@ -60,15 +60,26 @@ class Tracker:
         self._experiment = ""
         self._run = ""
 
-    def place(self, experiment: str, run_name: str, item: Mapping[str, str] | None = None) -> None:
-        """Say where the run belongs, before anything is logged.
+    def place(
+        self,
+        experiment: str,
+        run_name: str,
+        *,
+        stage: str,
+        item: Mapping[str, str],
+        params: Mapping[str, object],
+    ) -> None:
+        """Say where the run of a matrix item belongs, before anything is logged.
 
         Args:
             experiment: name of the experiment, the task for runs of a task.
             run_name: name of the run.
-            item: the matrix item of the stage, as in `dvc.yaml`; its values become tags.
+            stage: name of the stage in `dvc.yaml`.
+            item: the values of the matrix; they become tags.
+            params: the parameters that the item uses.
         """
-        self._experiment_name, self._run_name, self._item = experiment, run_name, dict(item or {})
+        self._experiment_name, self._run_name = experiment, run_name
+        self.stage, self._item, self._params = stage, dict(item), dict(params)
 
     def log_params(self, params: Mapping[str, object]) -> None:
         """Add parameters to the run; nested mappings become dotted names."""

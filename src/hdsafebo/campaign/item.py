@@ -1,0 +1,121 @@
+"""One item of the pipeline's matrix: all seeds of a method on a task, to one run file."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hdsafebo.campaign.executor import execute
+from hdsafebo.campaign.journal import make_durable_directory
+from hdsafebo.campaign.progress import ProgressWatcher
+from hdsafebo.campaign.run_file import RunMetadata, write_run_file
+from hdsafebo.campaign.run_spec import RunSpec, budget_of
+from hdsafebo.campaign.runner import RunResult, run
+from hdsafebo.campaign.series import final_metrics, round_series
+from hdsafebo.campaign.tracking import Tracker
+from hdsafebo.errors import JournalError, ParamsError
+from hdsafebo.params import Params
+from hdsafebo.problems.registry import family_of
+from hdsafebo.progress import progress
+
+
+def run_path(task: str, method: str, root: Path) -> Path:
+    """The run file of a method on a task."""
+    return root / "data" / "runs" / f"{task}-{method}.parquet"
+
+
+def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracker) -> list[RunResult]:
+    """Run all seeds of a method on a task and write their file.
+
+    Seeds whose rounds are in the journal are continued, or read if they are complete.
+
+    Args:
+        task: name of the task.
+        method: name of the method.
+        params: the checked parameters.
+        root: the project's directory.
+        tracker: mirrors the runs as they finish.
+
+    Returns:
+        The runs in the order of their seeds.
+
+    Raises:
+        ParamsError: the parameters do not have the task or the method.
+        CampaignError: worker processes or the cluster failed; finished rounds are kept.
+        HdSafeBOError: what a run raised.
+    """
+    budget = budget_of(params, task)
+    if method not in params.methods:
+        raise ParamsError(f"methods: no block {method!r}; it has {', '.join(sorted(params.methods))}")
+    seeds = list(budget.seeds_for(method))
+    plain = params.model_dump(mode="json")
+    settings = plain["methods"][method]
+    block = plain["tasks"][family_of(task)]
+    tracker.place(
+        experiment=task,
+        run_name=method,
+        stage=f"optimize_{family_of(task)}",
+        item={"task": task, "method": method},
+        params={
+            "problem": block["problem"],
+            "budget": block["budget"],
+            "settings": settings,
+            "profile": params.profile,
+        },
+    )
+    finished: dict[int, RunResult] = {}
+    with (
+        _shared_directory(root) as directory,
+        progress(len(seeds) * budget.trials, f"{task} {method}") as advance,
+    ):
+        watcher = ProgressWatcher(Path(directory), seeds, advance)
+
+        def on_result(spec: RunSpec, result: RunResult) -> None:
+            finished[spec.seed] = result
+            watcher.finish(spec.seed, budget.trials)
+            steps, series = round_series(result.rows)
+            tracker.log_child(
+                f"{method} {spec.seed}",
+                {"seed": spec.seed, "method": method, "task": task},
+                steps.tolist(),
+                {name: values.tolist() for name, values in series.items()},
+            )
+
+        specs = [RunSpec(task, method, seed, plain, str(root), directory) for seed in seeds]
+        execute(
+            run, specs, on_result, watcher, workers=params.compute.workers, scheduler=params.compute.scheduler
+        )
+    results = [finished[seed] for seed in seeds]
+    metadata = RunMetadata(
+        task=task,
+        method=method,
+        profile=params.profile,
+        settings=settings,
+        n_initial=budget.initial,
+        batch=budget.batch,
+        n_trials=budget.trials,
+        seeds=seeds,
+        **_common_facts(results),
+    )
+    write_run_file(run_path(task, method, root), [result.rows for result in results], metadata)
+    tracker.log_metrics(final_metrics([result.rows for result in results]), step=budget.trials)
+    return results
+
+
+def _shared_directory(root: Path) -> tempfile.TemporaryDirectory[str]:
+    """A directory that the workers see too, for as long as the campaign lasts."""
+    parent = root / ".journal"
+    try:
+        make_durable_directory(parent)
+        return tempfile.TemporaryDirectory(prefix="progress-", dir=parent, ignore_cleanup_errors=True)
+    except OSError as error:
+        raise JournalError(f"{parent}: cannot be written: {error.strerror}") from error
+
+
+def _common_facts(results: list[RunResult]) -> dict[str, Any]:
+    """Facts of the runs; the optimum is dropped where it depends on the seed."""
+    facts = dict(results[0].facts)
+    if any(result.facts["optimum"] != facts["optimum"] for result in results):
+        facts["optimum"] = None
+    return facts

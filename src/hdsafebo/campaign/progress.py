@@ -1,0 +1,73 @@
+"""How far the runs of a campaign are: small files that workers write and the campaign's process reads.
+
+Files rather than a queue: a worker that is killed cannot leave a lock behind, and workers of a cluster
+need nothing but the file system that they share anyway.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from hdsafebo.campaign.errors import CampaignError
+from hdsafebo.campaign.run_spec import RunSpec
+from hdsafebo.progress import Advance
+
+_STOP = "stop"
+
+
+class Beacon:
+    """A run's end: tells how many trials are done, and hears that the campaign was stopped."""
+
+    def __init__(self, spec: RunSpec) -> None:
+        self.seed = spec.seed
+        self._directory = Path(spec.progress)
+
+    def report(self, trials: int) -> None:
+        """Say how many trials are done.
+
+        Raises:
+            CampaignError: the campaign was stopped.
+        """
+        if (self._directory / _STOP).exists():
+            raise CampaignError(f"run {self.seed} was stopped as another one failed; its rounds are kept")
+        with suppress(OSError):  # a sign of life is not worth a run
+            (self._directory / str(self.seed)).write_text(str(trials))
+
+
+class ProgressWatcher:
+    """The campaign's end: moves a progress bar; implements `executor.Watcher`.
+
+    Args:
+        directory: where the runs write.
+        seeds: the runs.
+        advance: moves the bar, in trials.
+    """
+
+    def __init__(self, directory: Path, seeds: Sequence[int], advance: Advance) -> None:
+        self._directory = directory
+        self._done = dict.fromkeys(seeds, 0)
+        self._advance = advance
+        self._finished = 0
+
+    def poll(self) -> None:
+        """Read how far the runs are."""
+        for seed in self._done:
+            with suppress(OSError, ValueError):  # not there yet, or just being written
+                self._set(seed, int((self._directory / str(seed)).read_text()))
+
+    def finish(self, seed: int, trials: int) -> None:
+        """A run is complete."""
+        self._finished += 1
+        self._set(seed, trials)
+
+    def stop(self) -> None:
+        """Ask the runs that still compute to end after their round."""
+        with suppress(OSError):
+            (self._directory / _STOP).touch()
+
+    def _set(self, seed: int, trials: int) -> None:
+        if trials > self._done[seed]:
+            self._advance(trials - self._done[seed], f"runs {self._finished}/{len(self._done)}")
+            self._done[seed] = trials

@@ -1,0 +1,149 @@
+"""A task and a method that take milliseconds, to be used in worker processes in place of `synthetic`.
+
+The task has a memory and the method a state of its own, so that a run can only be continued to the bit by
+restoring both.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdsafebo.campaign.run_spec import RunSpec
+from hdsafebo.campaign.runner import RunResult, run
+from hdsafebo.errors import NoSafePointError
+from hdsafebo.optimizers import registry as methods
+from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.params import Params
+from hdsafebo.problem import Evaluation, FloatArray, Problem, Safety, Trials
+from hdsafebo.problems import registry as tasks
+
+
+class Memory(Problem):
+    """A bowl with noise whose generator goes on from one evaluation to the next."""
+
+    def __init__(self, seed: int, seconds: float) -> None:
+        self.name = "synthetic"
+        self.bounds = np.array([[-1.0] * 6, [1.0] * 6])
+        self.safety = (Safety("hidden", -9.0, reported=False), Safety("margin", -1.5), Safety("second", -0.9))
+        self.optimum = float(seed)
+        self._rng = np.random.default_rng(seed)
+        self._seconds = seconds
+        self.evaluated = 0
+
+    def evaluate(self, trials: Trials) -> Evaluation:
+        time.sleep(self._seconds)
+        self.evaluated += len(trials)
+        noise = 0.1 * self._rng.normal(size=len(trials))
+        objective = -(trials.x**2).sum(axis=1) + noise
+        safety = np.stack([objective * 0, objective, trials.x[:, 0]], axis=1)
+        return Evaluation(objective, safety, failed=trials.x[:, 1] > 0.9)
+
+
+class Half:
+    """An embedding that keeps every second coordinate."""
+
+    def encode(self, x: FloatArray) -> FloatArray:
+        return x[:, ::2]
+
+    def decode(self, z: FloatArray) -> FloatArray:
+        return np.repeat(z, 2, axis=1)
+
+
+class ToySettings(OptimizerSettings):
+    abstain_after: int = 10**6
+
+
+class Toy(Optimizer):
+    """Steps around the best point, of a size that it remembers."""
+
+    name = "toy"
+    Settings = ToySettings
+    settings: ToySettings
+    consults_model = False
+    step = 1.0
+
+    def propose(self, n: int) -> Proposal:
+        if len(self.trials) >= self.settings.abstain_after:
+            raise NoSafePointError("the toy has seen enough")
+        best = self.best()
+        centre = np.full(3, 0.5) if best is None else self.space.to_unit(best.z)[0]
+        points = np.clip(centre + self.step * self.rng.normal(size=(n, 3)), 0, 1)
+        return Proposal(points, trust_region_length=self.step)
+
+    def finish_round(self, trials: Trials) -> None:
+        self.step *= 0.97
+
+    def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        return {"step": self.step}, {}
+
+    def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        self.step = state["step"]
+
+
+class Lonely(Toy):
+    """Asks for its first trials itself."""
+
+    name = "lonely"
+    uses_initial_data = False
+
+
+def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) -> tasks.Task:
+    """The toy task; `length_scale` stands for the seconds of an evaluation."""
+    problem = Memory(seed, params.tasks.synthetic.problem.length_scale)
+    return tasks.Task(problem, lambda x: Half(), inputs=("data/input.txt",))
+
+
+def install() -> None:
+    """Make the toys known in this process."""
+    tasks._FAMILIES["synthetic"] = __name__
+    sys.modules["hdsafebo.optimizers.toys"] = sys.modules[__name__]
+    methods.METHODS["toy"] = methods.Method("toys", "Toy")
+    methods.METHODS["lonely"] = methods.Method("toys", "Lonely")
+
+
+def run_toy(spec: RunSpec) -> RunResult:
+    """`runner.run` in a process that knows the toys."""
+    install()
+    return run(spec)
+
+
+def toy_params(
+    *,
+    initial: int = 10,
+    trials: int = 130,
+    batch: int = 3,
+    seeds: int = 1,
+    seconds: float = 1e-9,
+    **settings: Any,
+) -> dict[str, Any]:
+    """Parameters with toy methods only."""
+    budget = {"initial": initial, "trials": trials, "batch": batch, "seeds": seeds}
+    nothing = {"budget": budget, "methods": []}
+    return {
+        "profile": "test",
+        "tasks": {
+            "synthetic": {"problem": {"length_scale": seconds}, "budget": budget, "methods": ["toy"]},
+            "hand": nothing,
+            "scs": nothing | {"tasks": []},
+            "digits": nothing | {"tasks": []},
+        },
+        "methods": {"toy": settings, "lonely": settings},
+        "tracking": {"enabled": False},
+    }
+
+
+def toy_spec(root: Path, *, method: str = "toy", seed: int = 7, **changes: Any) -> RunSpec:
+    """A run of the toys below `root`."""
+    install()
+    (root / "data").mkdir(parents=True, exist_ok=True)
+    if not (root / "data" / "input.txt").exists():
+        (root / "data" / "input.txt").write_text("read by the task")
+    (root / "progress").mkdir(exist_ok=True)
+    return RunSpec("synthetic", method, seed, toy_params(**changes), str(root), str(root / "progress"))
