@@ -1,0 +1,54 @@
+"""Which modules of the package a stage script uses, found by reading its imports."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+PACKAGE = "hdsafebo"
+# Validating the parameters looks up the names of all methods; that is no use of their code.
+NAMES_ONLY = {"hdsafebo.params": "hdsafebo.optimizers"}
+
+
+def used_modules(script: Path, source: Path) -> set[Path]:
+    """Files below `source` that `script` imports, directly or not, at the top or within functions."""
+    seen: set[Path] = set()
+    pending = [script]
+    while pending:
+        for path in _imported(pending.pop(), source):
+            if path not in seen:
+                seen.add(path)
+                pending.append(path)
+    return seen
+
+
+def _imported(path: Path, source: Path) -> set[Path]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    module = _module_name(path, source)
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    skip = NAMES_ONLY.get(module)
+    files = set()
+    for name in names:
+        if name.split(".")[0] != PACKAGE or (skip and name.startswith(skip)):
+            continue
+        files |= _files(name, source)
+    return files
+
+
+def _files(name: str, source: Path) -> set[Path]:
+    """The file of a module and the `__init__.py` of the packages it lies in."""
+    parts = name.split(".")
+    found = {source.joinpath(*parts[:k], "__init__.py") for k in range(1, len(parts) + 1)}
+    found.add(source.joinpath(*parts).with_suffix(".py"))
+    return {path for path in found if path.is_file()}
+
+
+def _module_name(path: Path, source: Path) -> str:
+    if not path.is_relative_to(source):
+        return path.stem
+    return ".".join(path.relative_to(source).with_suffix("").parts)
