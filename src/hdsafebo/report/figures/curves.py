@@ -1,0 +1,136 @@
+"""Curves over trials in small multiples, and the final metrics of all methods side by side."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hdsafebo.report.figures.panels import Figure, Line, Panel, plot_style
+from hdsafebo.report.methods import FAMILIES, by_family, style, task_label
+from hdsafebo.report.metrics import METRIC_LABELS
+from hdsafebo.report.paper import paper_value
+from hdsafebo.report.results import Results
+from hdsafebo.report.series import METRICS
+
+Y_LABELS = {
+    "objective": "best safe objective ↑",
+    "safety": "safe share of trials ↑",
+    "violation": "cumulative violation ↓",
+}
+
+
+def curve_figures(results: Results, task: str, methods: list[str]) -> list[Figure]:
+    """One figure per family of baselines, this project's methods in each: three metrics over trials."""
+    limits = {metric: _limits(results, task, methods, metric) for metric in METRICS}
+    figures = []
+    for family, names in by_family(methods).items():
+        row = [_curve_panel(results, task, names, metric, limits[metric]) for metric in METRICS]
+        caption = (
+            f"{task_label(task)}: {FAMILIES[family].lower()}. Mean over runs; bands are one standard error."
+        )
+        figures.append(Figure(f"curves_{task}_{family}", caption, [row], [style(m) for m in names]))
+    return figures
+
+
+def single_curve_figure(results: Results, task: str, methods: list[str], name: str, caption: str) -> Figure:
+    """One figure of the given methods (an ablation)."""
+    row = [_curve_panel(results, task, methods, m, _limits(results, task, methods, m)) for m in METRICS]
+    return Figure(name, caption, [row], [style(m) for m in methods])
+
+
+def final_figure(results: Results, task: str, methods: list[str]) -> Figure:
+    """Final metrics of every method with the paper's values where it prints them."""
+    row = [_final_panel(results, task, methods, metric) for metric in METRICS]
+    caption = (
+        f"{task_label(task)}: final values. Filled: mean and one standard error of the runs here; "
+        "open diamond: the paper's value with the spread that it prints."
+    )
+    return Figure(f"final_{task}", caption, [row])
+
+
+def _limits(results: Results, task: str, methods: list[str], metric: str) -> tuple[float, float] | None:
+    """Common limits of a row of panels, so that they can be compared."""
+    low, high = [], []
+    for method in methods:
+        mean, error = results.series(task, method).mean_and_error(metric)
+        band = np.nan_to_num(error)
+        if np.isfinite(mean).any():
+            low.append(float(np.nanmin(mean - band)))
+            high.append(float(np.nanmax(mean + band)))
+    if not low:
+        return None
+    margin = 0.05 * (max(high) - min(low)) or 0.05
+    return min(low) - margin, max(high) + margin
+
+
+def _curve_panel(
+    results: Results, task: str, methods: list[str], metric: str, limits: tuple[float, float] | None
+) -> Panel:
+    curves = {
+        m: (results.series(task, m).trials, *results.series(task, m).mean_and_error(metric)) for m in methods
+    }
+    optimum = results.optimum(task) if metric == "objective" else None
+
+    def draw(ax: Any) -> None:
+        for method, (trials, mean, error) in curves.items():
+            look = style(method)
+            known = np.isfinite(error)
+            ax.fill_between(
+                trials[known],
+                (mean - error)[known],
+                (mean + error)[known],
+                color=look.colour,
+                alpha=0.18,
+                linewidth=0,
+            )
+            ax.plot(trials, mean, **plot_style(look, len(trials)))
+        if optimum is not None:
+            ax.axhline(optimum, color="#777777", linewidth=0.9, linestyle=(0, (2, 2)))
+        if limits is not None:
+            ax.set_ylim(limits[0], limits[1] if optimum is None else max(limits[1], 1.04 * optimum))
+        ax.set_xlabel("trials")
+        ax.set_title(Y_LABELS[metric], loc="left")
+
+    lines = [
+        Line(style(m).label, style(m).colour, trials.tolist(), mean.tolist(), error.tolist())
+        for m, (trials, mean, error) in curves.items()
+    ]
+    return Panel(f"{task_label(task)}: {Y_LABELS[metric]} over trials", draw, lines)
+
+
+def _final_panel(results: Results, task: str, methods: list[str], metric: str) -> Panel:
+    estimates = [results.estimate(task, m, metric) for m in methods]
+    paper = [paper_value(task, m, metric) for m in methods]
+
+    def draw(ax: Any) -> None:
+        for y, (method, ours, theirs) in enumerate(zip(methods, estimates, paper, strict=True)):
+            look = style(method)
+            if theirs is not None:
+                ax.errorbar(
+                    theirs.value,
+                    y + 0.22,
+                    xerr=theirs.spread,
+                    fmt="D",
+                    color="#777777",
+                    markerfacecolor="white",
+                    markersize=4.5,
+                    elinewidth=0.8,
+                )
+            if ours.runs:
+                ax.errorbar(
+                    ours.mean,
+                    y - 0.1,
+                    xerr=0 if np.isnan(ours.se) else ours.se,
+                    fmt=look.marker,
+                    color=look.colour,
+                    markersize=5.5,
+                    capsize=2,
+                )
+        ax.set_yticks(range(len(methods)), [style(m).label for m in methods])
+        ax.set_ylim(len(methods) - 0.4, -0.6)
+        ax.set_title(f"{METRIC_LABELS[metric]} {'↓' if metric == 'violation' else '↑'}", loc="left")
+
+    return Panel(
+        f"{task_label(task)}: final {metric} of each method", draw, inches=(3.7, 1.0 + 0.24 * len(methods))
+    )

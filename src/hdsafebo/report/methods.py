@@ -1,0 +1,148 @@
+"""How methods and tasks are called and drawn; one colour, marker and line per method everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+# Okabe and Ito (2008): distinguishable with every common colour vision deficiency.
+BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
+    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
+)  # fmt: skip
+
+REFERENCES = ("hdsafebo", "hdsafebo_local")
+ORIGINAL = "_original"
+
+
+@dataclass(frozen=True)
+class MethodStyle:
+    """Label, panel and line of a method.
+
+    Attributes:
+        label: name on the page.
+        family: the small multiple it is drawn in.
+        colour, marker, dash: of its line; markers and dashes carry the figure in black and white.
+        needs_threshold: False when the method ignores the safety functions.
+    """
+
+    label: str
+    family: str
+    colour: str
+    marker: str
+    dash: str = "-"
+    needs_threshold: bool = True
+
+
+FAMILIES = {
+    "ours": "This project's methods",
+    "local": "Local and line search",
+    "global": "Global constrained BO",
+    "free": "No model",
+    "embedding": "Random embeddings, no constraint",
+    "original": "Original space (O)",
+    "ablation": "Ablations",
+    "other": "Other",
+}
+
+_DASHED, _DOTTED, _DASHDOT = (0, (5, 2)), (0, (1, 1.5)), (0, (5, 1.5, 1, 1.5))
+DASHES: dict[str, object] = {"-": "-", "dashed": _DASHED, "dotted": _DOTTED, "dashdot": _DASHDOT}
+
+_METHODS = {
+    "hdsafebo": MethodStyle("HdSafeBO", "ours", BLACK, "o"),
+    "hdsafebo_local": MethodStyle("HdSafeBO-local", "ours", VERMILLION, "s"),
+    "linebo": MethodStyle("LineBO", "local", BLUE, "^", "dashed"),
+    "scbo": MethodStyle("SCBO", "local", GREEN, "D", "dashdot"),
+    "config": MethodStyle("CONFIG", "global", BLUE, "^", "dashed"),
+    "cei": MethodStyle("cEI", "global", GREEN, "D", "dashdot"),
+    "cei_prob": MethodStyle("cEI-Prob", "global", PURPLE, "v", "dotted"),
+    "safeopt": MethodStyle("SafeOpt", "global", ORANGE, "P", "dashed"),
+    "cmaes": MethodStyle("CMA-ES", "free", BLUE, "^", "dashed"),
+    "sobol": MethodStyle("Sobol search", "free", GREEN, "D", "dotted"),
+    "local_random": MethodStyle("Local random steps", "free", PURPLE, "v", "dashdot"),
+    "turbo": MethodStyle("TuRBO", "embedding", GREEN, "D", "dashdot", needs_threshold=False),
+    "hesbo": MethodStyle("HesBO", "embedding", BLUE, "^", "dashed", needs_threshold=False),
+    "baxus": MethodStyle("BAxUS", "embedding", PURPLE, "v", "dotted", needs_threshold=False),
+    "hdsafebo_global": MethodStyle("no local search", "ablation", BLUE, "^", "dashed"),
+    "hdsafebo_pessimistic": MethodStyle("no optimism (lower bound)", "ablation", GREEN, "D", "dashdot"),
+}
+_ORIGINAL_LINES = {
+    "linebo": (BLUE, "^", "dashed"),
+    "scbo": (GREEN, "D", "dashdot"),
+    "config": (PURPLE, "v", "dotted"),
+    "cei": (ORANGE, "P", "dashed"),
+    "cmaes": (SKY, "X", "dashdot"),
+}
+_OTHER_LINES = (
+    (BLUE, "^", "dashed"),
+    (GREEN, "D", "dashdot"),
+    (PURPLE, "v", "dotted"),
+    (ORANGE, "P", "dashed"),
+    (SKY, "X", "dashdot"),
+)
+
+MUSCLES = {"il": "IL", "vlrf": "VL&RF", "ta": "TA", "bfgm": "BF&GM", "st": "ST", "ga": "GA"}
+
+
+def style(method: str) -> MethodStyle:
+    """Style of a method; names that are not known keep their own name as label."""
+    base = method.removesuffix(ORIGINAL)
+    if base != method:
+        known = _METHODS.get(base, MethodStyle(base, "other", BLACK, "o"))
+        colour, marker, dash = _ORIGINAL_LINES.get(base, (VERMILLION, "*", "dotted"))
+        return replace(
+            known, label=f"{known.label} (O)", family="original", colour=colour, marker=marker, dash=dash
+        )
+    if method in _METHODS:
+        return _METHODS[method]
+    beta = beta_of_ablation(method)
+    colour, marker, dash = _OTHER_LINES[sum(map(ord, method)) % len(_OTHER_LINES)]
+    if beta is not None:
+        return MethodStyle(f"HdSafeBO, β = {beta:g}", "ablation", colour, marker, dash)
+    return MethodStyle(method, "other", colour, marker, dash)
+
+
+def beta_of_ablation(method: str) -> float | None:
+    """Beta of a method named `hdsafebo_beta<number>`, None for other names."""
+    text = method.removeprefix("hdsafebo_beta")
+    if text == method:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def order(methods: list[str]) -> list[str]:
+    """Methods in the order of tables and legends: by family, then as listed above."""
+    families, known = list(FAMILIES), list(_METHODS)
+
+    def key(method: str) -> tuple[int, int, str]:
+        base = method.removesuffix(ORIGINAL)
+        beta = beta_of_ablation(method)
+        rank = known.index(base) if base in known else len(known) + int(beta if beta is not None else 10**6)
+        return families.index(style(method).family), rank, method
+
+    return sorted(methods, key=key)
+
+
+def by_family(methods: list[str]) -> dict[str, list[str]]:
+    """Baselines by family, each with this project's methods in front; else these methods alone."""
+    ours = [m for m in order(methods) if style(m).family == "ours"]
+    groups: dict[str, list[str]] = {}
+    for method in order(methods):
+        if style(method).family != "ours":
+            groups.setdefault(style(method).family, list(ours)).append(method)
+    return groups or {"ours": ours}
+
+
+def task_label(task: str) -> str:
+    """Name of a task on the page."""
+    if task.startswith("scs_"):
+        muscle = task.removeprefix("scs_")
+        return f"Stimulation, {MUSCLES.get(muscle, muscle.upper())}"
+    if task.startswith("digits_"):
+        return f"Digit {task.removeprefix('digits_')}"
+    return {
+        "synthetic": "Synthetic functions",
+        "hand": "Musculoskeletal hand",
+        "digits": "Digits (mean of all)",
+    }.get(task, task)

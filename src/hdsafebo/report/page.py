@@ -1,0 +1,120 @@
+"""The page: one HTML file that needs no network."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections import Counter
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from hdsafebo.report.claims.base import STATUS_LABELS, Claim, Status
+from hdsafebo.report.figures.panels import Figure, Picture, save
+from hdsafebo.report.inputs import Frame
+from hdsafebo.report.methods import DASHES, MethodStyle, style
+from hdsafebo.report.sections.base import Details, Section, Text
+from hdsafebo.report.tables import Table
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The top of the page.
+
+    Attributes:
+        profile: sizes of the run.
+        git_revision: of the code; None outside a repository.
+        claims: of the paper, with verdicts.
+        leaders: the best method per task.
+    """
+
+    profile: str
+    git_revision: str | None
+    claims: list[Claim]
+    leaders: Table
+
+
+def render(overview: Overview, sections: list[Section], figures: Path) -> str:
+    """The page's HTML; every figure of the sections is written into the folder `figures` on the way."""
+    from jinja2 import Environment, StrictUndefined
+    from markupsafe import Markup
+
+    assets = files("hdsafebo.report")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(assets.joinpath("page.html").read_text(encoding="utf-8"))
+    blocks = {section.name: [_block(block, figures) for block in section.blocks] for section in sections}
+    return template.render(
+        overview=overview,
+        sections=sections,
+        blocks=blocks,
+        counts=_counts(overview.claims),
+        status_labels=STATUS_LABELS,
+        method_label=lambda name: style(name).label,
+        css=Markup(assets.joinpath("page.css").read_text(encoding="utf-8")),
+        script=Markup(assets.joinpath("page.js").read_text(encoding="utf-8")),
+    )
+
+
+def _counts(claims: list[Claim]) -> dict[str, dict[Status, int]]:
+    """How many claims have each status: for HdSafeBO all, for HdSafeBO-local those held to the same rule."""
+    all_claims = [next(iter(claim.verdicts.values())).status for claim in claims]
+    shared = [c.verdicts["hdsafebo_local"].status for c in claims if "hdsafebo_local" in c.verdicts]
+    return {"hdsafebo": dict(Counter(all_claims)), "hdsafebo_local": dict(Counter(shared))}
+
+
+def _block(block: Any, figures: Path) -> dict[str, Any]:
+    """What the template needs to show a block."""
+    from markupsafe import Markup
+
+    if isinstance(block, Text):
+        return {"kind": "text", "text": block.text, "style": block.kind}
+    if isinstance(block, Table):
+        return {"kind": "table", "table": block}
+    if isinstance(block, Details):
+        return {"kind": "details", "title": block.title, "table": block.table}
+    if isinstance(block, Frame):
+        return {"kind": "frame", "title": block.title, "data": base64.b64encode(block.data).decode()}
+    if isinstance(block, Figure):
+        return {
+            "kind": "figure",
+            "name": block.name,
+            "caption": block.caption,
+            "panels": [_panel(picture, Markup) for picture in save(block, figures)],
+            "legend": [(look.label, Markup(_swatch(look))) for look in block.legend],
+        }
+    raise TypeError(f"a section holds a {type(block).__name__}; expected one of the block types")
+
+
+def _panel(picture: Picture, markup: Any) -> dict[str, Any]:
+    hover = None
+    if picture.hover is not None:
+        text = json.dumps(picture.hover, separators=(",", ":"), allow_nan=False)
+        hover = markup(escape(text, quote=False).replace("'", "&#39;"))
+    return {"svg": markup(picture.svg), "hover": hover, "width": round(96 * picture.inches[0])}
+
+
+_MARKER_SHAPES = {
+    "o": '<circle cx="17" cy="7" r="3.4"/>',
+    "s": '<rect x="13.8" y="3.8" width="6.4" height="6.4"/>',
+    "^": '<path d="M17 3 L21 10 H13 Z"/>',
+    "v": '<path d="M17 11 L21 4 H13 Z"/>',
+    "D": '<path d="M17 2.6 L21.4 7 L17 11.4 L12.6 7 Z"/>',
+    "P": '<path d="M15.5 3h3v2.5h2.5v3h-2.5v2.5h-3v-2.5h-2.5v-3h2.5z"/>',
+    "X": '<path d="M14 4l3 3 3-3M14 10l3-3 3 3" stroke-width="2.4"/>',
+    "*": '<path d="M17 2.5l1.4 3 3.3.4-2.4 2.3.6 3.3-2.9-1.6-2.9 1.6.6-3.3-2.4-2.3 3.3-.4z"/>',
+}
+
+
+def _swatch(look: MethodStyle) -> str:
+    """A small picture of a method's line and marker."""
+    dash = DASHES[look.dash]
+    pattern = (
+        f' stroke-dasharray="{" ".join(str(1.4 * v) for v in dash[1])}"' if isinstance(dash, tuple) else ""
+    )
+    frame = f'viewBox="0 0 34 14" width="34" height="14" stroke="{look.colour}" fill="{look.colour}"'
+    line = f'<path d="M1 7H33" fill="none" stroke-width="2"{pattern}/>'
+    return f'<svg {frame} aria-hidden="true">{line}{_MARKER_SHAPES[look.marker]}</svg>'

@@ -1,0 +1,1 @@
+"""The sections of the page: figures, tables and sentences computed from the results."""

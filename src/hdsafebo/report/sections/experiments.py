@@ -1,0 +1,184 @@
+"""Sections of the tasks: synthetic functions, hand, stimulation, digits, and the ablations."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from hdsafebo.report.claims.hand import beta_methods
+from hdsafebo.report.figures.ablation import beta_figure
+from hdsafebo.report.figures.curves import curve_figures, final_figure, single_curve_figure
+from hdsafebo.report.figures.inputs import (
+    field_map_figure,
+    learning_figure,
+    selectivity_figure,
+    synergy_figure,
+)
+from hdsafebo.report.formatting import number
+from hdsafebo.report.inputs import Inputs
+from hdsafebo.report.methods import style, task_label
+from hdsafebo.report.regret import regret
+from hdsafebo.report.results import DIGITS, Results
+from hdsafebo.report.sections.base import Block, Details, Section, Text, not_run
+from hdsafebo.report.sections.findings import (
+    closed_form_finding,
+    leader_findings,
+    paper_findings,
+    ratio_finding,
+    size_sentence,
+)
+from hdsafebo.report.tables import comparison_table, metrics_table
+from hdsafebo.report.tables_speed import regret_table
+
+ABLATION = ("hdsafebo", "hdsafebo_global", "hdsafebo_pessimistic")
+
+
+def compared(results: Results, task: str) -> list[str]:
+    """Methods of a task without the ablations, which have their own section."""
+    return [m for m in results.methods(task) if style(m).family != "ablation"]
+
+
+def task_blocks(results: Results, task: str) -> list[Block]:
+    """Size, findings, final values, curves and comparisons of one task."""
+    methods = compared(results, task)
+    if not methods:
+        return [not_run(task_label(task))]
+    caption = (
+        "Mean ± standard error over runs; the paper's numbers in small type. Bold: significantly better "
+        "than every other method of the table."
+    )
+    return [
+        size_sentence(results, task, methods),
+        *leader_findings(results, task, methods),
+        *paper_findings(results, task),
+        final_figure(results, task, methods),
+        metrics_table(results, task, methods, f"{task_label(task)}. {caption}", f"metrics_{task}"),
+        *curve_figures(results, task, methods),
+        Details("Paired comparisons", comparison_table(results, task, methods)),
+    ]
+
+
+def synthetic_section(results: Results) -> Section:
+    """Table 1 and the table of latent against original space."""
+    intro = Text(
+        "Objective and safety are samples of Gaussian processes over 40 of 50 latent coordinates inside "
+        "1,000 inputs. "
+        "(O) marks methods that search the original inputs; the others search the 50 principal components."
+    )
+    check = closed_form_finding(results)
+    blocks = [intro, *task_blocks(results, "synthetic"), *([] if check is None else [check])]
+    return Section("synthetic", "Synthetic functions", "Table 1, appendix C.1", blocks)
+
+
+def hand_section(results: Results, inputs: Inputs) -> Section:
+    """Figure 3, the synergies and the training behind them."""
+    intro = Text(
+        "A linear policy turns observations into muscle synergies; the bottle is to be rotated to vertical "
+        "and held. "
+        "Objective: return of an episode. Safety: the landing speed of the bottle."
+    )
+    blocks: list[Block] = [intro, *inputs.hand_frames, *task_blocks(results, "hand")]
+    variance = inputs.variance
+    if variance is None:
+        blocks.append(not_run("Muscle synergies"))
+    else:
+        blocks.append(synergy_figure(variance))
+    blocks.append(
+        not_run("Training of the policy")
+        if inputs.learning_curve is None
+        else learning_figure(inputs.learning_curve)
+    )
+    return Section("hand", "Musculoskeletal hand", "Section 5.2, Figure 3", blocks)
+
+
+def ablation_section(results: Results) -> Section:
+    """Components of HdSafeBO and its beta, on every task on which they were run."""
+    blocks: list[Block] = []
+    for task in results.experiments:
+        ran = results.methods(task)
+        components = [m for m in ABLATION if m in ran]
+        betas = beta_methods(results, task)
+        shown = list(dict.fromkeys([*components, *betas.values()]))
+        if len(shown) < 2:
+            continue
+        blocks += [size_sentence(results, task, shown), *leader_findings(results, task, shown)]
+        if len(components) > 1:
+            caption = (
+                f"{task_label(task)}: HdSafeBO without local search and without optimism. Bands are one "
+                "standard error."
+            )
+            blocks.append(single_curve_figure(results, task, components, f"components_{task}", caption))
+        if len(betas) > 1:
+            blocks.append(beta_figure(results, task, betas))
+        blocks.append(
+            metrics_table(results, task, shown, f"{task_label(task)}, ablations.", f"ablation_{task}")
+        )
+    return Section("ablation", "Ablations", "Appendices C.2 and C.4", blocks or [not_run("Ablations")])
+
+
+def stimulation_section(results: Results, inputs: Inputs) -> Section:
+    """Figure 4, the selectivity distributions, the field map, regret, and the random embeddings."""
+    blocks: list[Block] = [
+        Text(
+            "Sixteen contacts and a current; objective: selectivity of one muscle group; safety: g = 1 − "
+            "the largest activation of any group. "
+            "Only the traversed parameters can be evaluated, so the best safe value is known."
+        )
+    ]
+    if inputs.stimulation is None:
+        blocks.append(not_run("Traversal of the stimulation parameters"))
+    else:
+        s = inputs.stimulation
+        share = f"{100 * s.safe_share:.1f} % are safe (g ≥ {s.threshold:g})"
+        blocks += [
+            Text(f"The traversal has {s.rows:,} parameters; {share}.", "finding"),
+            selectivity_figure(s.selectivity),
+        ]
+    if inputs.field_map is not None:
+        blocks.append(field_map_figure(*inputs.field_map))
+    tasks = [task for task in results.tasks if task.startswith("scs_")]
+    for task in dict.fromkeys(["scs_st", "scs_ga", *tasks]):
+        blocks.append(Text(task_label(task), "heading"))
+        blocks += task_blocks(results, task)
+        blocks += _regret_blocks(results, task)
+    return Section(
+        "stimulation",
+        "Stimulation of the spinal cord",
+        "Section 5.3, Figure 4, appendices B.6 and C.5",
+        blocks,
+    )
+
+
+def _regret_blocks(results: Results, task: str) -> list[Block]:
+    optimum = results.optimum(task)
+    shares: dict[str, pd.DataFrame] = {}
+    for method in compared(results, task):
+        table = regret(results.runs[task, method], results.series(task, method))
+        if table is not None:
+            shares[method] = table
+    if optimum is None or not shares:
+        return []
+    caption = (
+        f"{task_label(task)}: best safe value found as a share of the best safe value of the whole set "
+        f"({number(optimum)}), "
+        "and the median number of trials, initial ones included, until 95 % of it."
+    )
+    return [regret_table(task, shares, optimum, caption)]
+
+
+def digits_section(results: Results) -> Section:
+    """The digits, averaged, and each digit in a folded table."""
+    intro = Text(
+        "Make a digit as thick as possible while a network still recognises it. The objective is "
+        "normalised by the best recognised image of the data set. "
+        "Values are means over seeds for each digit, then mean ± standard error over digits; the paper "
+        "prints standard deviations over digits."
+    )
+    blocks: list[Block] = [intro, *task_blocks(results, DIGITS)]
+    ratio = ratio_finding(results, DIGITS)
+    blocks += [] if ratio is None else [ratio]
+    for task in results.digit_tasks:
+        table = metrics_table(
+            results, task, compared(results, task), f"{task_label(task)}.", f"metrics_{task}"
+        )
+        blocks.append(Details(task_label(task), table))
+    return Section("digits", "Digits", "Appendix C.6", blocks)

@@ -1,0 +1,150 @@
+"""Sentences that follow from the numbers of one task."""
+
+from __future__ import annotations
+
+import math
+
+from scipy.stats import norm
+
+from hdsafebo.report.formatting import number, paper_text, with_error
+from hdsafebo.report.methods import style, task_label
+from hdsafebo.report.metrics import METRIC_LABELS
+from hdsafebo.report.paper import paper_size, paper_value
+from hdsafebo.report.results import DIGITS, Results
+from hdsafebo.report.sections.base import Text
+from hdsafebo.report.series import METRICS
+from hdsafebo.report.statistics import MIN_PAIRS
+
+FAIRLY_CLOSE = 2.0
+
+
+def size_sentence(results: Results, task: str, methods: list[str]) -> Text:
+    """What was run, at what size, and whether that is the paper's."""
+    metas = [results.meta(task, m) for m in methods]
+    counts = [len(results.metrics(task, m)) for m in methods]
+    trials, initial, batch = (
+        sorted({getattr(m, name) for m in metas}) for name in ("n_trials", "n_initial", "batch")
+    )
+    profiles = sorted({m.profile for m in metas})
+    units = "digits" if task == DIGITS else "runs"
+    ours = (
+        f"{_span(counts)} {units} per method, {_span(initial)} initial of {_span(trials)} trials, "
+        f"{_span(batch)} per round; profile {', '.join(profiles)}"
+    )
+    failed = sum(int(results.metrics(task, m)["failed"].sum()) for m in methods)
+    lost = f" {failed} evaluations failed and are left out." if failed else ""
+    paper = paper_size(task)
+    if paper is None:
+        return Text(f"Size: {ours}. The paper has no such task.{lost}", "size")
+    theirs = (
+        f"{paper.runs} {units}, {paper.initial} initial of {paper.trials} trials, {paper.batch} per round "
+        f"({paper.source})"
+    )
+    below = min(counts) < paper.runs or trials[0] < paper.trials
+    verdict = "below the paper's size" if below else "at least the paper's size"
+    return Text(f"Size: {ours}. Paper: {theirs}. This is {verdict}.{lost}", "size")
+
+
+def _span(values: list[int]) -> str:
+    low, high = min(values), max(values)
+    return str(low) if low == high else f"{low} to {high}"
+
+
+def leader_findings(results: Results, task: str, methods: list[str]) -> list[Text]:
+    """Who leads in each metric, and against whom that is significant."""
+    return [t for metric in METRICS if (t := _leader_finding(results, task, methods, metric)) is not None]
+
+
+def _leader_finding(results: Results, task: str, methods: list[str], metric: str) -> Text | None:
+    leader = results.leader(task, metric, methods)
+    if leader is None:
+        return None
+    mean = with_error(results.estimate(task, leader.method, metric))
+    head = f"{METRIC_LABELS[metric]}: {style(leader.method).label} leads with {mean}"
+    if leader.runner_up is None:
+        return Text(f"{head}; nothing to compare it with.", "finding")
+    second = f"{style(leader.runner_up).label} {with_error(results.estimate(task, leader.runner_up, metric))}"
+    if leader.significant:
+        others = len(leader.rivals)
+        against = "the other method" if others == 1 else f"all {others} other methods"
+        return Text(f"{head}, significantly better than {against} (next: {second}).", "finding")
+    pairs = min(c.pairs for c in leader.rivals.values())
+    if pairs < MIN_PAIRS:
+        reason = f"{pairs} common seeds are too few for a test, which needs {MIN_PAIRS}"
+    else:
+        reason = "no significant lead over " + ", ".join(style(m).label for m in leader.not_beaten)
+    return Text(f"{head} (next: {second}); {reason}.", "finding")
+
+
+def paper_findings(results: Results, task: str) -> list[Text]:
+    """HdSafeBO here beside HdSafeBO in the paper, in combined standard errors."""
+    size = paper_size(task)
+    texts = []
+    for metric in METRICS:
+        theirs = paper_value(task, "hdsafebo", metric)
+        if theirs is None or size is None or "hdsafebo" not in results.methods(task):
+            continue
+        ours = results.estimate(task, "hdsafebo", metric)
+        spread = theirs.spread or 0.0
+        their_error = spread / math.sqrt(size.runs) if theirs.kind == "std" else spread
+        error = math.hypot(0.0 if math.isnan(ours.se) else ours.se, their_error)
+        if not ours.runs or error == 0:
+            continue
+        apart = abs(ours.mean - theirs.value) / error
+        side = "above" if ours.mean > theirs.value else "below"
+        distance = (
+            "agrees within"
+            if apart <= FAIRLY_CLOSE
+            else f"lies {number(apart, 2)} combined standard errors {side}; agreement would be within"
+        )
+        texts.append(
+            Text(
+                f"HdSafeBO's {METRIC_LABELS[metric]} of {with_error(ours)} ({paper_text(theirs)}) "
+                f"{distance} {FAIRLY_CLOSE:g} combined standard errors.",
+                "finding",
+            )
+        )
+    return texts
+
+
+def closed_form_finding(results: Results) -> Text | None:
+    """Random search on the synthetic task in closed form: safety is a standard normal there.
+
+    Safety = Phi(-h) and the violation per trial h Phi(h) + phi(h), h the threshold.
+    """
+    if "sobol" not in results.methods("synthetic"):
+        return None
+    meta = results.meta("synthetic", "sobol")
+    if len(meta.thresholds) != 1:
+        return None
+    h = meta.thresholds[0]
+    safety, violation = (
+        float(norm.cdf(-h)),
+        (meta.n_trials - meta.n_initial) * float(h * norm.cdf(h) + norm.pdf(h)),
+    )
+    seen = {m: with_error(results.estimate("synthetic", "sobol", m)) for m in ("safety", "violation")}
+    return Text(
+        f"Check of the task: random search has Safety {number(safety)} and Violation {number(violation)} "
+        "in closed form; "
+        f"Sobol search has {seen['safety']} and {seen['violation']} here.",
+        "finding",
+    )
+
+
+def ratio_finding(results: Results, task: str) -> Text | None:
+    """This project's violation beside the least of the baselines'."""
+    ours = [m for m in results.methods(task) if style(m).family == "ours"]
+    others = [m for m in results.methods(task) if style(m).family not in ("ours", "ablation")]
+    if not ours or not others:
+        return None
+    best = min(others, key=lambda m: results.estimate(task, m, "violation").mean)
+    base = results.estimate(task, best, "violation").mean
+    if not base > 0:
+        return None
+    shares = ", ".join(
+        f"{style(m).label} {100 * results.estimate(task, m, 'violation').mean / base:.0f} %" for m in ours
+    )
+    return Text(
+        f"{task_label(task)}: Violation as a share of the best baseline's ({style(best).label}): {shares}.",
+        "finding",
+    )

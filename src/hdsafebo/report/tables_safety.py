@@ -1,0 +1,87 @@
+"""Table of predicted, guaranteed and observed safety."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from hdsafebo.report.calibration import Calibration
+from hdsafebo.report.formatting import number, with_error
+from hdsafebo.report.methods import style
+from hdsafebo.report.results import Results
+from hdsafebo.report.tables import Cell, Table
+
+
+def calibration_table(
+    task: str,
+    calibrations: dict[str, Calibration],
+    results: Results,
+    guarantees: dict[str, tuple[float | None, float | None]],
+) -> Table:
+    """Predicted and observed safety of each method that predicts, its guarantee, and its violation bounds.
+
+    Args:
+        task: the task.
+        calibrations: by method.
+        results: for violation and bounds.
+        guarantees: (beta, guaranteed alpha) by method.
+    """
+    rows, records = [], []
+    for method, c in calibrations.items():
+        bound, violation = (
+            results.estimate(task, method, "violation_bound"),
+            results.estimate(task, method, "violation"),
+        )
+        beta, alpha = guarantees[method]
+        rows.append(
+            [
+                Cell(style(method).label),
+                Cell(str(c.trials)),
+                Cell(number(c.predicted)),
+                Cell(number(c.observed), f"{number(c.interval[0])} to {number(c.interval[1])}"),
+                Cell(number(c.brier), f"constant {number(c.brier_constant)}"),
+                Cell("–" if beta is None else number(beta)),
+                Cell(
+                    "none" if alpha is None else number(alpha),
+                    "vacuous" if alpha is not None and alpha < 0.5 else "",
+                ),
+                Cell(with_error(bound)),
+                Cell(with_error(violation)),
+            ]
+        )
+        records.append(
+            {
+                "task": task,
+                "method": method,
+                "trials": c.trials,
+                "predicted": c.predicted,
+                "observed": c.observed,
+                "observed_low": c.interval[0],
+                "observed_high": c.interval[1],
+                "brier": c.brier,
+                "brier_constant": c.brier_constant,
+                "beta": beta,
+                "guaranteed_alpha": alpha,
+                "violation_bound": bound.mean,
+                "violation_bound_se": bound.se,
+                "violation": violation.mean,
+                "violation_se": violation.se,
+            }
+        )
+    columns = [
+        "Method",
+        "Trials",
+        "Predicted",
+        "Observed",
+        "Brier ↓",
+        "β",
+        "Guaranteed α",
+        "Sum of bounds",
+        "Violation",
+    ]
+    caption = (
+        "Mean predicted safe probability, observed safe share with its exact binomial interval, Brier "
+        "score beside that of always predicting the observed share, "
+        "the safe probability that β guarantees, and the mean sum of one-step violation bounds beside the "
+        "mean observed violation."
+    )
+    return Table(f"safety_{task}", caption, columns, rows, pd.DataFrame(records))

@@ -1,0 +1,73 @@
+"""Result files of the size of the largest profile, with random content: for the time limit and for looking at the page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.stats import norm
+
+from report.run_files import random_runs
+
+BETA_METHODS = ("hdsafebo", "hdsafebo_local", "linebo", "config")
+QUALITY = {
+    "hdsafebo": (2.5, 0.85), "hdsafebo_local": (4.0, 0.97), "linebo": (1.0, 0.8), "scbo": (1.5, 0.7), "config": (0.8, 0.7),
+    "cei": (0.7, 0.7), "cei_prob": (0.7, 0.75), "cmaes": (0.6, 0.7), "sobol": (0.2, 0.6), "safeopt": (0.0, 0.9),
+}  # fmt: skip
+ORIGINAL = ("linebo_original", "scbo_original", "config_original", "cei_original", "cmaes_original")
+ABLATIONS = {
+    "hdsafebo_global": 1.0, "hdsafebo_pessimistic": 2.0, "hdsafebo_beta0": 2.4, "hdsafebo_beta4": 2.5, "hdsafebo_beta8": 2.4,
+    "hdsafebo_beta16": 2.3,
+}  # fmt: skip
+RANDOM_EMBEDDINGS = ("turbo", "hesbo", "baxus")
+
+
+def write_everything(root: Path, *, seeds_divided_by: int = 1) -> None:
+    """All tasks and methods, and every other input of the report."""
+    rng = np.random.default_rng(0)
+
+    def runs(task: str, method: str, seeds: int, sizes: tuple[int, int, int], **metadata: object) -> None:
+        base = method.removesuffix("_original")
+        gain, share = QUALITY.get(base, (ABLATIONS.get(base, 1.2), 0.75))
+        beta = 2.0 if base in BETA_METHODS or base in ABLATIONS else None
+        extra = {} if beta is None else {"beta": beta, "guaranteed_alpha": float(norm.sf(beta))}
+        n_initial, n_trials, batch = sizes
+        space = "original" if method.endswith("_original") else "latent"
+        random_runs(
+            root, task, method, seeds=max(1, seeds // seeds_divided_by), n_initial=n_initial, n_trials=n_trials, batch=batch,
+            gain=gain, safe_share=share, rng=rng, space=space, **extra, **metadata,
+        )  # fmt: skip
+
+    for method in (*QUALITY, *ORIGINAL):
+        runs("synthetic", method, 100 if method in ("hdsafebo", "hdsafebo_local", "sobol") else 20, (200, 500, 10), thresholds=[-0.75])
+    for method in (*QUALITY, *ORIGINAL, *ABLATIONS, "local_random"):
+        runs("hand", method, 5, (200, 1000, 10))
+    for task in ("scs_st", "scs_ga", "scs_il"):
+        for method in (*QUALITY, *RANDOM_EMBEDDINGS):
+            runs(task, method, 10, (200, 1000, 10), optimum=6.0)
+    for digit in range(10):
+        for method in ("hdsafebo", "hdsafebo_local", "scbo", "config", "cei", "cmaes", "sobol"):
+            runs(f"digits_{digit}", method, 3, (20, 200, 1))
+    write_inputs(root, rng)
+
+
+def write_inputs(root: Path, rng: np.random.Generator) -> None:
+    """Everything besides run files."""
+    check = {"distance_correlation": 0.97, "gp_mean_difference": 1.3, "gp_variance_difference": 3.0, "round_trip": 0.5}
+    worse = check | {"distance_correlation": 0.89, "gp_mean_difference": 2.2, "gp_variance_difference": 4.6}
+    for name in ("reports", "models/synergies", "data/rollouts", "data/spinal"):
+        (root / name).mkdir(parents=True, exist_ok=True)
+    (root / "reports/isometry.json").write_text(json.dumps({"irvae": check, "vae": worse, "residual": check}))
+    x = rng.gamma(4, 1, 3000)
+    pairs = [pd.DataFrame({"embedding": n, "original": x, "latent": 2 * x + rng.normal(0, s, 3000)}) for n, s in (("irvae", 0.8), ("vae", 2.0))]
+    pd.concat(pairs).to_parquet(root / "reports/pairwise_distances.parquet")
+    (root / "models/synergies/pca.json").write_text(json.dumps({"variance_accounted_for": (1 - 0.7 ** np.arange(1, 11)).tolist()}))
+    steps = np.arange(0, 20_000, 120)
+    curve = pd.DataFrame({"setting": "full", "step": steps, "total_reward": rng.normal(-500 + steps / 30, 80), "dropped": False})
+    curve.to_parquet(root / "data/rollouts/learning_curve.parquet")
+    g = rng.uniform(-0.4, 0.5, 218_000)
+    muscles = ("IL", "VL&RF", "TA", "BF&GM", "ST", "GA")
+    si = {f"si_{m}_{side}": rng.normal(0, 0.15, 218_000).clip(-1, 1) for m in muscles for side in ("left", "right")}
+    pd.DataFrame({"current": 1.0, "g": g} | si).astype(np.float32).to_parquet(root / "data/spinal/stimulation.parquet")
