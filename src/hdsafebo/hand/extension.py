@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.hand.extension_table import JOINTS, MUSCLES, OPPONENS_AREA, SPECIFIC_TENSION, AddedMuscle, Point
+from hdsafebo.hand.extension_table import JOINTS, MUSCLES, OPPONENS_AREA, REATTACHED, SPECIFIC_TENSION, AddedMuscle, Point
 
 LENGTH_SAMPLES = 4000
 _DAMPING = 0.05  # N m s/rad, as MyoHand's finger joints
@@ -20,6 +20,8 @@ def extend(spec: mujoco.MjSpec) -> None:
         spec: MyoHand with its forearm muscles (43 muscles, 23 joints), root at the origin.
     """
     frames = _ZeroPose(spec)
+    for site, body in REATTACHED.items():
+        _reattach(spec, frames, site, body)
     for muscle in MUSCLES:
         _add_muscle(spec, frames, muscle)
     _set_force(spec.actuator("OP_r"), SPECIFIC_TENSION * OPPONENS_AREA)
@@ -50,9 +52,22 @@ class _ZeroPose:
         rotation = self._data.body(body).xmat.reshape(3, 3)
         return np.asarray(rotation.T @ np.asarray(vector))
 
+    def site(self, name: str) -> tuple[float, float, float]:
+        """Position of a site in the zero pose, m."""
+        x, y, z = self._data.site(name).xpos
+        return (x, y, z)
+
     def point(self, body: str, position: tuple[float, float, float]) -> NDArray[np.float64]:
         x, y, z = np.asarray(position) - self._data.body(body).xpos
         return self.direction(body, (x, y, z))
+
+
+def _reattach(spec: mujoco.MjSpec, frames: _ZeroPose, name: str, body: str) -> None:
+    """Let a site move with another body; its tendon finds it by name."""
+    old = spec.site(name)
+    size, group = old.size.copy(), old.group
+    spec.delete(old)
+    spec.body(body).add_site(name=name, pos=frames.point(body, frames.site(name)), size=size, group=group)
 
 
 def _add_muscle(spec: mujoco.MjSpec, frames: _ZeroPose, muscle: AddedMuscle) -> None:

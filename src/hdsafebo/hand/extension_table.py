@@ -265,3 +265,22 @@ JOINTS: tuple[AddedJoint, ...] = (
         "17 deg about the long axis: Cooney et al., J Bone Joint Surg 63A:1371-1381, 1981",
     ),
 )
+
+REATTACHED: dict[str, str] = {
+    "FDS5-P4_r": "fifthmc_r",
+    "FDP5-P4_r": "fifthmc_r",
+    "RI5-P1_r": "fifthmc_r",
+    "LU_RB5-P1_r": "fifthmc_r",
+    "UI_UB5-P1_r": "fifthmc_r",
+    "FDS4-P4_r": "fourthmc_r",
+    "FDP4-P4_r": "fourthmc_r",
+    "RI4-P1_r": "fourthmc_r",
+    "LU_RB4-P1_r": "fourthmc_r",
+    "UI_UB4-P1_r": "fourthmc_r",
+}
+"""Via points of the ring and little finger that MyoHand puts on a neighbouring metacarpal.
+
+With rigid metacarpals the bone makes no difference. With joints between them it does: the tendons would
+cross joints that they do not cross in the hand. Each point keeps its place in the zero pose and moves with
+the metacarpal of its own finger.
+"""

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 POSE_WEIGHT = 3.5
 BONUS_WEIGHT = 2.0
 BONUS_TILTS = (0.35, 0.15)
@@ -22,9 +24,9 @@ class Reward:
     """The terms, before the weights that the paper's formula gives them.
 
     Attributes:
-        pose: -3.5 times the tilt (rad).
-        bonus: 2 for a tilt below 0.35 rad and 2 more below 0.15 rad; nothing while the bottle leans on
-            the forearm, so that wedging it between wrist and forearm does not count as holding it.
+        pose: -3.5 times the tilt (rad). While the bottle leans on the forearm the tilt counts as 90
+            degrees or more, and there is no bonus: wedging it between wrist and forearm is not holding it.
+        bonus: 2 for a tilt below 0.35 rad and 2 more below 0.15 rad.
         penalty: 1 when the bottle is more than 0.2 m from where it started.
         grasp: -5 times the distance of bottle and palm (m).
         survive: 1 unless the bottle dropped in this step.
@@ -50,9 +52,10 @@ class Reward:
         cls, *, tilt: float, on_forearm: bool, displacement: float, palm_distance: float, mean_square_activation: float, dropped: bool
     ) -> Reward:
         """The terms of a step; angles in rad, distances in m."""
+        credited = max(tilt, np.pi / 2) if on_forearm else tilt
         return cls(
-            pose=-POSE_WEIGHT * tilt,
-            bonus=0.0 if on_forearm else BONUS_WEIGHT * sum(tilt < limit for limit in BONUS_TILTS),
+            pose=-POSE_WEIGHT * credited,
+            bonus=BONUS_WEIGHT * sum(credited < limit for limit in BONUS_TILTS),
             penalty=float(displacement > MAX_DISPLACEMENT),
             grasp=-GRASP_WEIGHT * palm_distance,
             survive=float(not dropped),

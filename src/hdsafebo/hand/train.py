@@ -1,0 +1,144 @@
+"""Trains soft actor-critic agents (Haarnoja et al., ICML 2018) on the bottle task, one per observation setting."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdsafebo.hand.actor import Actor
+from hdsafebo.hand.environment import BottleHandEnv
+from hdsafebo.hand.model import Variant
+
+CHECKPOINTS = (0.1, 0.25, 0.5, 0.75, 1.0)
+"""Shares of the training after which the actor is kept: synergies come from agents of all skills."""
+
+_UNREPEATABLE = ["start_time", "ep_info_buffer", "ep_success_buffer", "_logger", "replay_buffer", "env", "_last_obs", "_last_original_obs"]
+
+
+@dataclass(frozen=True)
+class SacSettings:
+    """Size of the training.
+
+    Attributes:
+        steps: control steps of each agent.
+        width: units of each of the two hidden layers.
+        train_every: control steps between updates.
+        updates: gradient steps per update.
+        learning_starts: control steps of random actions before the first update.
+        batch_size: transitions per gradient step.
+    """
+
+    steps: int
+    width: int = 128
+    train_every: int = 4
+    updates: int = 2
+    learning_starts: int = 500
+    batch_size: int = 256
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained agent.
+
+    Attributes:
+        setting: its observation setting.
+        actors: by number of training steps.
+        step: (episodes,) training step at which each episode ended.
+        total_reward: (episodes,) of the training episodes.
+        dropped: (episodes,) the bottle dropped.
+    """
+
+    setting: str
+    actors: dict[int, Actor]
+    step: NDArray[np.int64]
+    total_reward: NDArray[np.float64]
+    dropped: NDArray[np.bool_]
+
+
+def train_agent(
+    variant: str, roll: float, setting: str, sac: SacSettings, seed: int, archive: Path, report: Callable[[int], None] | None = None
+) -> Trained:
+    """Train one agent.
+
+    Args:
+        variant: which hand.
+        roll: of the arm, rad.
+        setting: which parts of the observation the agent sees.
+        sac: size of the training.
+        seed: of networks, exploration and replay.
+        archive: where the stable-baselines3 archive is written.
+        report: called with the number of steps done, now and then.
+    """
+    import torch
+    from stable_baselines3 import SAC
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    torch.set_num_threads(1)
+    checkpoints = {max(1, round(share * sac.steps)) for share in CHECKPOINTS}
+    actors: dict[int, Actor] = {}
+    episodes: list[tuple[int, float, bool]] = []
+
+    class Recorder(BaseCallback):
+        """Keeps checkpoints of the actor and the outcomes of episodes."""
+
+        total = 0.0
+
+        def _on_step(self) -> bool:
+            self.total += float(self.locals["rewards"][0])
+            if self.locals["dones"][0]:
+                episodes.append((self.num_timesteps, self.total, bool(self.locals["infos"][0]["dropped"])))
+                self.total = 0.0
+            if self.num_timesteps in checkpoints:
+                actors[self.num_timesteps] = actor_of(self.model)
+            if report is not None and (self.num_timesteps % 100 == 0 or self.num_timesteps == sac.steps):
+                report(self.num_timesteps)
+            return True
+
+    agent = SAC(
+        "MlpPolicy",
+        BottleHandEnv(cast(Variant, variant), roll, setting=setting),
+        train_freq=sac.train_every,
+        gradient_steps=sac.updates,
+        learning_starts=sac.learning_starts,
+        batch_size=sac.batch_size,
+        buffer_size=sac.steps,
+        use_sde=True,  # smooth exploration: muscles filter white noise away
+        policy_kwargs={"net_arch": [sac.width, sac.width]},
+        seed=seed,
+        device="cpu",
+    )
+    agent.learn(sac.steps, callback=Recorder())
+    agent.save(archive, exclude=_UNREPEATABLE)
+    archive.write_bytes(without_times(archive.read_bytes()))
+    columns = zip(*episodes, strict=True) if episodes else ((), (), ())
+    step, total, dropped = columns
+    return Trained(setting, actors, np.array(step, np.int64), np.array(total, float), np.array(dropped, bool))
+
+
+def actor_of(agent: Any) -> Actor:
+    """The actor of a stable-baselines3 SAC agent with two hidden ReLU layers and gSDE."""
+    network = agent.policy.actor
+    linear = [layer for layer in network.latent_pi if hasattr(layer, "weight")]
+    mean = network.mu[0]  # followed by the limiter
+    arrays = [(_array(layer.weight), _array(layer.bias)) for layer in (*linear, mean)]
+    return Actor(tuple(arrays[:-1]), arrays[-1], _array(network.log_std))
+
+
+def _array(tensor: Any) -> NDArray[np.float32]:
+    return np.array(tensor.detach().cpu().numpy(), np.float32)
+
+
+def without_times(archive: bytes) -> bytes:
+    """The same ZIP archive with all members dated 1980, so that equal trainings give equal files."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(archive)) as source, zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as target:
+        for name in sorted(source.namelist()):
+            target.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), source.read(name), zipfile.ZIP_DEFLATED)
+    return buffer.getvalue()
