@@ -1,0 +1,290 @@
+"""The optimiser behind a session. It follows the log, so every suggestion is a function of the log alone.
+
+Per target there is one optimiser. It starts from everything that is known when the target is set ("all the
+history data were reused", paper, clinical experiment), with a seed drawn from the session's seed and the
+entry that set the target, and then follows the log entry by entry:
+
+    suggested               its `ask`; taken back when the suggestion expires undecided
+    approved, recorded      `tell`
+    modified or manual,
+    recorded                `observe` of what was really delivered
+    refused, modified       the proposal stays without a result, so it is never made again
+
+Its saved states are cached beside the log. Following the log from the start must give the same suggestions,
+to the bit; `mismatches` says where it did not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from hdsafebo.errors import NoSafePointError, ParamsError
+from hdsafebo.optimizers.base import Optimizer
+from hdsafebo.optimizers.registry import load_optimizer, make_optimizer
+from hdsafebo.problem import Status, Trials
+from hdsafebo.session.chain import Entry
+from hdsafebo.session.definition import Definition
+from hdsafebo.session.search import Search
+from hdsafebo.session.state import Point, State, Trial
+
+_DECISIONS = ("approved", "modified", "refused")
+_EXPIRING = ("suggested", "manual", "target_switched", "stopped")
+_PROPOSALS = 10  # tried for one that is still believed safe after it was moved to what can be evaluated
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A suggestion as computed.
+
+    Attributes:
+        point: the inputs.
+        belief: what the model believed; plain JSON.
+        before, after: saved states of the optimiser before and after it was asked.
+    """
+
+    point: Point
+    belief: dict[str, Any]
+    before: bytes
+    after: bytes
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """A suggestion of the log that following the log does not reproduce."""
+
+    suggestion: int
+    logged: dict[str, Any]
+    recomputed: dict[str, Any]
+
+
+class Advisor:
+    """See the module.
+
+    Attributes:
+        state: of the session, as far as this has followed the log.
+        mismatches: suggestions that were not reproduced.
+    """
+
+    def __init__(self, definition: Definition, search: Search) -> None:
+        self._definition = definition
+        self._search = search
+        self._optimiser: Optimizer | None = None
+        self._asked: Advice | None = None
+        self.state = State()
+        self.mismatches: list[Mismatch] = []
+
+    @classmethod
+    def restore(
+        cls, definition: Definition, search: Search, entries: list[Entry], before: bytes, after: bytes
+    ) -> Advisor:
+        """The advisor that had followed `entries`, the last of them `suggested`, from its cached states.
+
+        Raises:
+            StateFileError: a cached state is damaged or belongs to something else.
+        """
+        advisor = cls(definition, search)
+        for entry in entries:
+            advisor.state.apply(entry)
+        for trial in advisor._known():
+            search.input_of(trial.point)
+        payload = entries[-1].payload
+        advisor._asked = Advice(payload["point"], payload["belief"], before, after)
+        advisor._optimiser = advisor._load(after)
+        return advisor
+
+    def follow(self, entries: Iterable[Entry]) -> None:
+        """Bring the optimiser forward by the next entries of the log."""
+        for entry in entries:
+            if entry.kind in _EXPIRING and self.state.open_suggestion is not None:
+                self.withdraw()
+            if entry.kind == "suggested":
+                self._reproduce(entry)
+            self.state.apply(entry)
+            if entry.kind in ("created", "target_switched"):
+                self._begin()
+            elif entry.kind in _DECISIONS:
+                self._asked = None
+            elif entry.kind == "recorded":
+                self._learn(self.state.trials[entry.payload["trial"] - 1])
+
+    def advise(self) -> Advice:
+        """Ask the optimiser for the next trial; `follow` its `suggested` entry next, or `withdraw` it.
+
+        Raises:
+            NoSafePointError: nothing that is permitted now is believed safe.
+        """
+        if self._asked is not None:
+            return self._asked
+        optimiser = self._require()
+        before = _save(optimiser)
+        try:
+            trials = self._ask(optimiser)
+        except NoSafePointError:
+            self._optimiser = self._load(before)
+            raise
+        point = self._search.point_of(trials.x[0], int(trials.candidate[0]))
+        belief = self._belief(trials) | {
+            "violation_bound": _plain(trials.violation_bound[0]),
+            "trust_region_length": _plain(trials.trust_region_length[0]),
+            "marked_unsafe": bool(trials.marked_unsafe[0]),
+        }
+        self._asked = Advice(point, belief, before, _save(optimiser))
+        return self._asked
+
+    def _ask(self, optimiser: Optimizer) -> Trials:
+        """A proposal that is believed safe where it will be evaluated: after decoding, clipping and snapping."""
+        forbidden = np.union1d(self._search.restrict(self.state.last_point), self._declined())
+        nothing = np.empty((len(forbidden), 0))
+        elsewhere = Trials.pending(nothing, nothing, 1, candidate=forbidden)
+        for _ in range(_PROPOSALS):
+            trials = optimiser.ask(1, pending=elsewhere)
+            if len(trials) == 0:
+                break
+            inputs = optimiser.kernel_inputs(trials)
+            if (
+                trials.marked_unsafe[0]
+                or optimiser.surrogate.believed_safe(inputs, optimiser.settings.confidence)[0]
+            ):
+                return trials
+        raise NoSafePointError(f"{optimiser.name} believes nothing safe that the limits permit now")
+
+    def withdraw(self) -> None:
+        """Take the last `advise` back."""
+        if self._asked is not None:
+            self._optimiser = self._load(self._asked.before)
+            self._asked = None
+
+    def believe(self, point: Point) -> dict[str, Any] | None:
+        """What the model believes of any point; None while there is nothing to believe from."""
+        optimiser = self._require()
+        if not optimiser.trials.completed.any():
+            return None
+        x, row = self._search.glance(point)
+        z = x if optimiser.embedding is None else optimiser.embedding.encode(x)
+        return self._belief(Trials.pending(x, z, len(self._search.space.safety), candidate=np.array([row])))
+
+    def _begin(self) -> None:
+        """A new optimiser for the target, told all that is known."""
+        space = self._search.space
+        seed = int(
+            np.random.SeedSequence([self._definition.seed, self.state.target_since]).generate_state(1)[0]
+        )
+        settings = {"empty_safe_set": "abstain"} | dict(self._definition.method.settings)
+        self._optimiser = make_optimizer(
+            self._definition.method.name,
+            self._search.problem(self.state.target),
+            embedding=self._search.embedding,
+            bounds=self._search.code_bounds,
+            seed=seed,
+            **settings,
+        )
+        if not self._optimiser.consults_model:
+            raise ParamsError(
+                f"method.name: {self._definition.method.name!r} has no model of safety; expected one that has"
+            )
+        known = self._known()
+        if known:
+            inputs = [self._search.input_of(t.point) for t in known]
+            results = [self._results(t) for t in known]
+            self._optimiser.observe(
+                np.vstack([x for x, _ in inputs]),
+                [objective for objective, _, _ in results],
+                np.array([safety for _, safety, _ in results]).reshape(-1, len(space.safety)),
+                status=[status for _, _, status in results],
+                candidate=[row for _, row in inputs],
+                initial=True,
+            )
+
+    def _learn(self, trial: Trial) -> None:
+        optimiser = self._require()
+        objective, safety, status = self._results(trial)
+        if trial.origin == "suggested":
+            asked = int(np.flatnonzero(optimiser.trials.status == Status.PENDING)[-1])
+            optimiser.tell([asked], [objective], [safety], status=[status])
+        elif trial.delivered:
+            x, row = self._search.input_of(trial.point)
+            optimiser.observe(x, [objective], [safety], status=[status], candidate=[row])
+
+    def _results(self, trial: Trial) -> tuple[float, list[float], Status]:
+        """Objective, safety values and status, as the optimiser is told them.
+
+        A trial that was unsafe and gave no objective (no recording) must still teach that it was unsafe. It
+        is told with the lowest objective seen so far, in the model only: the log keeps that there is none.
+        """
+        space = self._search.space
+        nothing = float("nan"), [float("nan")] * len(space.safety), Status.FAILED
+        if trial.safety is None:
+            return nothing
+        safety = [trial.safety[s.name] for s in space.safety]
+        if trial.outcomes is not None:
+            return trial.outcomes[self.state.target], safety, Status.COMPLETED
+        seen = [
+            t.outcomes[self.state.target] for t in self.state.trials[: trial.number] if t.outcomes is not None
+        ]
+        if space.safe(trial.safety) or not seen:
+            return nothing
+        return min(seen), safety, Status.COMPLETED
+
+    def _known(self) -> list[Trial]:
+        """Trials that have their record, and were delivered."""
+        return [t for t in self.state.trials if t.status != "running" and t.delivered]
+
+    def _declined(self) -> np.ndarray:
+        """Candidate rows that a person refused or replaced, whatever the target was."""
+        points = [s.point for s in self.state.suggestions if s.decision in ("refused", "modified")]
+        rows = [self._search.input_of(p)[1] for p in points]
+        return np.array([row for row in rows if row >= 0], np.int64)
+
+    def _belief(self, trials: Trials) -> dict[str, Any]:
+        optimiser = self._require()
+        inputs = optimiser.kernel_inputs(trials)
+        surrogate = optimiser.surrogate
+        mean, deviation = surrogate.objective.predict(inputs)
+        safety_mean, safety_deviation = surrogate.predict_safety(inputs)
+        names = [s.name for s in self._search.space.safety]
+        return {
+            "objective": {"mean": float(mean[0]), "sd": float(deviation[0])},
+            "safety": {
+                name: {"mean": float(safety_mean[0, j]), "sd": float(safety_deviation[0, j])}
+                for j, name in enumerate(names)
+            },
+            "safe_probability": float(surrogate.safe_probability(inputs)[0]),
+        }
+
+    def _reproduce(self, entry: Entry) -> None:
+        """Compute a suggestion of the log again, unless it was just computed here."""
+        advice = self.advise()
+        recomputed = {"point": advice.point, "belief": advice.belief}
+        logged = {key: entry.payload[key] for key in recomputed}
+        if logged != recomputed:
+            self.mismatches.append(Mismatch(len(self.state.suggestions) + 1, logged, recomputed))
+
+    def _load(self, content: bytes) -> Optimizer:
+        problem = self._search.problem(self.state.target)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "optimiser.safetensors"
+            path.write_bytes(content)
+            return load_optimizer(self._definition.method.name, path, problem, self._search.embedding)
+
+    def _require(self) -> Optimizer:
+        assert self._optimiser is not None, "follow the entry `created` first"
+        return self._optimiser
+
+
+def _save(optimiser: Optimizer) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "optimiser.safetensors"
+        optimiser.save(path)
+        return path.read_bytes()
+
+
+def _plain(value: Any) -> float | None:
+    """A float for JSON; None for NaN."""
+    number = float(value)
+    return number if np.isfinite(number) else None

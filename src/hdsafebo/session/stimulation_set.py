@@ -1,0 +1,167 @@
+"""The stimulations that may be suggested: contact configurations inside the clinical priors, times currents.
+
+A decoded field map takes the nearest stimulation of the set that was not yet tried and is permitted now
+(paper, clinical experiment). Methods that search the set itself see each stimulation through its features:
+whitened principal directions of the unit potentials, and the log of the current beside them (maps of low
+current all meet at one point although the selectivity depends on direction).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdsafebo.problem import FloatArray, IntArray
+from hdsafebo.session.definition import Priors
+from hdsafebo.session.errors import DefinitionError
+from hdsafebo.session.finite_set import FiniteSet
+from hdsafebo.session.state import Point
+from hdsafebo.session.stimulation_space import CURRENT_COLUMN, arrays
+from hdsafebo.session.stimulator import CONTACTS, Envelope, Polarity
+from hdsafebo.spinal.field_map import PIXELS, REFERENCE_CURRENT_MA, field_maps, unit_potentials
+from hdsafebo.spinal.nearest import NearestMap
+
+MAX_CONFIGURATIONS = 100_000
+_DIRECTIONS = 24  # principal directions that the kernel sees
+_CURRENT_WEIGHT = 0.3  # of the log current beside them
+
+
+class StimulationSet(FiniteSet):
+    """See the module. Row i * K + k is configuration i at the k-th of K currents.
+
+    Args:
+        priors: what may be suggested.
+        envelope: hard limits.
+        as_maps: inputs are field maps (728 pixels), for an embedding of maps; otherwise the 16
+            polarities and the current themselves.
+
+    Raises:
+        DefinitionError: the priors leave nothing that the limits permit, or too much to enumerate.
+    """
+
+    def __init__(self, priors: Priors, envelope: Envelope, *, as_maps: bool) -> None:
+        self._envelope = envelope
+        self._as_maps = as_maps
+        self.currents_ma = np.array(priors.currents_ma)
+        self.polarity = _usable(enumerate_polarities(priors), envelope, self.currents_ma[0])
+        self._index = {tuple(row): i for i, row in enumerate(self.polarity.tolist())}
+        self._whitening = _Whitening(unit_potentials(self.polarity), self.currents_ma)
+        n_currents = len(self.currents_ma)
+        super().__init__(
+            self._whitening(
+                np.repeat(np.arange(len(self.polarity)), n_currents),
+                np.tile(self.currents_ma, len(self.polarity)),
+            )
+        )
+        strongest = max(envelope.limits.max_current_ma, self.currents_ma[-1])
+        if as_maps:
+            self.bounds = np.vstack(
+                [np.full(PIXELS, 1.0 - strongest / REFERENCE_CURRENT_MA), np.ones(PIXELS)]
+            )
+        else:
+            self.bounds = np.vstack([[-1.0] * CONTACTS + [0.0], [1.0] * CONTACTS + [strongest]])
+
+    def encode_points(self, points: list[Point]) -> FloatArray:
+        """Field maps (k, 728), or polarities and currents (k, 17)."""
+        polarity, current = arrays(points)
+        if self._as_maps:
+            return np.asarray(field_maps(unit_potentials(polarity), current))
+        return np.column_stack([polarity.astype(float), current])
+
+    def nearest(self, x: FloatArray, taken: IntArray) -> IntArray:
+        """(n,) rows whose maps are nearest to the (n, 728) maps `x`, all different and none in `taken`."""
+        if not self._as_maps:
+            raise DefinitionError("this method searches codes of field maps: give it an embedding of them")
+        mine = taken[taken < self.size]
+        return np.asarray(self._nearest.query(x, mine)[0], dtype=np.int64)
+
+    @cached_property
+    def _nearest(self) -> NearestMap:
+        return NearestMap(unit_potentials(self.polarity), self.currents_ma)
+
+    def _permitted(self, last: Point | None) -> NDArray[np.bool_]:
+        n_currents = len(self.currents_ma)
+        last_ma = None if last is None else float(last[CURRENT_COLUMN])
+        polarity = np.repeat(self.polarity, n_currents, axis=0)
+        return self._envelope.permitted(polarity, np.tile(self.currents_ma, len(self.polarity)), last_ma)
+
+    def _row_inside(self, point: Point) -> int | None:
+        configuration = self._index.get(tuple(point["polarity"]))
+        level = np.flatnonzero(self.currents_ma == point[CURRENT_COLUMN])
+        if configuration is None or len(level) == 0:
+            return None
+        return configuration * len(self.currents_ma) + int(level[0])
+
+    def _point_inside(self, row: int) -> Point:
+        configuration, level = divmod(row, len(self.currents_ma))
+        return {
+            "polarity": self.polarity[configuration].tolist(),
+            CURRENT_COLUMN: float(self.currents_ma[level]),
+        }
+
+    def _features_of(self, points: list[Point]) -> FloatArray:
+        polarity, current = arrays(points)
+        return self._whitening.of(unit_potentials(polarity), current)
+
+
+class _Whitening:
+    """Features of stimulations; calling it with rows of the fitted potentials saves computing them again."""
+
+    def __init__(self, unit: FloatArray, currents_ma: FloatArray) -> None:
+        values, vectors = np.linalg.eigh(unit.T @ unit)
+        keep = values[::-1][:_DIRECTIONS] > values[-1] * 1e-10
+        basis = vectors[:, ::-1][:, :_DIRECTIONS][:, keep]
+        spread = (unit @ basis).std(axis=0)
+        basis, spread = basis[:, spread > 0], spread[spread > 0]
+        scaled = basis / spread
+        self._basis = scaled / np.sqrt(2.0 * max(1, basis.shape[1]))  # mean squared distance 1
+        self._lowest = float(currents_ma[0])
+        self._projected = unit @ self._basis
+
+    def __call__(self, configuration: IntArray, current_ma: FloatArray) -> FloatArray:
+        return np.column_stack([self._projected[configuration], self._level(current_ma)])
+
+    def of(self, unit: FloatArray, current_ma: FloatArray) -> FloatArray:
+        """(k, p) features of unit potentials (k, 728) at currents (k,)."""
+        return np.column_stack([unit @ self._basis, self._level(current_ma)])
+
+    def _level(self, current_ma: FloatArray) -> FloatArray:
+        return np.asarray(_CURRENT_WEIGHT * np.log(current_ma / self._lowest))
+
+
+def enumerate_polarities(priors: Priors) -> Polarity:
+    """All configurations that the priors allow, (n, 16), ordered by poles, cathodes, anodes.
+
+    Raises:
+        DefinitionError: too many to enumerate.
+    """
+    rows: dict[tuple[int, ...], None] = {}
+    for poles in priors.poles:
+        for cathodes in combinations(range(CONTACTS), poles.cathodes):
+            free = [contact for contact in range(CONTACTS) if contact not in cathodes]
+            for n_anodes in poles.anodes:
+                for anodes in combinations(free, n_anodes):
+                    row = [0] * CONTACTS
+                    for contact in cathodes:
+                        row[contact] = -1
+                    for contact in anodes:
+                        row[contact] = 1
+                    rows[tuple(row)] = None
+                    if len(rows) > MAX_CONFIGURATIONS:
+                        raise DefinitionError(
+                            f"priors.poles allow more than {MAX_CONFIGURATIONS} configurations"
+                        )
+    return np.array(list(rows), np.int8).reshape(-1, CONTACTS)
+
+
+def _usable(polarity: Polarity, envelope: Envelope, lowest_ma: float) -> Polarity:
+    """Configurations that the limits permit at the lowest current after any trial."""
+    ok = envelope.permitted(polarity, np.full(len(polarity), lowest_ma), None)
+    if not ok.any():
+        raise DefinitionError(
+            "the hard limits permit no configuration of priors.poles, not even at the lowest current"
+        )
+    return polarity[ok]
