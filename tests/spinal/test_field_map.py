@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.spinal.configurations import configurations
+from hdsafebo.spinal.configurations import enumerate_configurations
 from hdsafebo.spinal.field_map import (
     COLUMNS,
     PIXELS,
@@ -50,13 +50,13 @@ def test_contacts_lie_where_the_paddle_has_them() -> None:
 
 @pytest.mark.parametrize("index", [0, 15, 5000, 9199, 9200, 21799])
 def test_unit_potential_is_the_definition(index: int) -> None:
-    polarity = configurations()[index]
+    polarity = enumerate_configurations()[index]
     expected = [pixelwise_potential(polarity, pixel) for pixel in range(PIXELS)]
     np.testing.assert_allclose(unit_potentials(polarity[None])[0], expected, atol=1e-15)
 
 
 def test_all_maps_differ_and_stay_in_range() -> None:
-    unit = unit_potentials(configurations())
+    unit = unit_potentials(enumerate_configurations())
     assert unit.shape == (21_800, 728)
     assert unit.min() == -1.0
     assert unit.max() == 0.0
@@ -64,14 +64,14 @@ def test_all_maps_differ_and_stay_in_range() -> None:
 
 
 def test_map_is_affine_in_the_current() -> None:
-    unit = unit_potentials(configurations()[:3])
+    unit = unit_potentials(enumerate_configurations()[:3])
     maps = field_maps(unit, np.array([0.5, 2.5, 5.0]))
     np.testing.assert_allclose(maps, 1 + np.array([[0.1], [0.5], [1.0]]) * unit)
     np.testing.assert_allclose(field_maps(unit, 5.0), 1 + unit)
 
 
 def test_random_currents_rescales_each_map_by_one_of_the_currents() -> None:
-    unit = unit_potentials(configurations()[:500])
+    unit = unit_potentials(enumerate_configurations()[:500])
     source = RandomCurrents((0.5, 1.0, 4.0))
     drawn = source(field_maps(unit, 5.0), np.random.default_rng(0))
     share = (drawn - 1).sum(axis=1) / unit.sum(axis=1)

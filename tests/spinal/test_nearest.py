@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.spinal.configurations import configurations
+from hdsafebo.spinal.configurations import enumerate_configurations
 from hdsafebo.spinal.field_map import field_maps, unit_potentials
 from hdsafebo.spinal.nearest import NearestMap
 
@@ -14,7 +14,7 @@ GEOMETRIC = np.geomspace(0.05, 5.0, 10)
 
 @pytest.fixture(scope="module")
 def unit() -> np.ndarray:
-    return unit_potentials(configurations())
+    return unit_potentials(enumerate_configurations())
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,9 @@ def test_equals_brute_force_on_a_thousand_queries(unit: np.ndarray, nearest: Nea
 
 def test_every_map_finds_itself(unit: np.ndarray, nearest: NearestMap) -> None:
     rows = np.random.default_rng(3).choice(len(nearest), 300, replace=False)
-    found, distance = nearest.nearest_rows(field_maps(unit[rows // 10], LINEAR[rows % 10]))
+    maps = nearest.maps(rows)
+    np.testing.assert_allclose(maps, field_maps(unit[rows // 10], LINEAR[rows % 10]), atol=1e-15)
+    found, distance = nearest.nearest_rows(maps)
     np.testing.assert_array_equal(found, rows)
     assert distance.max() < 1e-6
 
@@ -138,5 +140,7 @@ def test_bad_queries_are_refused(nearest: NearestMap) -> None:
         nearest.query(np.full((1, 728), np.nan))
     with pytest.raises(DatasetError, match="218000"):
         nearest.query(np.ones((1, 728)), [218_000])
+    with pytest.raises(DatasetError, match="rows reach from -1 to 5, expected 0 to 217999"):
+        nearest.maps([-1, 5])
     with pytest.raises(DatasetError, match="mask of 3 rows"):
         nearest.query(np.ones((1, 728)), np.ones(3, dtype=bool))

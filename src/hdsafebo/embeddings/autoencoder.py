@@ -16,7 +16,7 @@ from pydantic import Field
 from hdsafebo.embeddings.base import Embedding, EmbeddingSettings, Source, Tensors
 from hdsafebo.embeddings.mlp import Layers, forward, mlp_layers, mlp_specs, mlp_tensors
 from hdsafebo.embeddings.storage import TensorSpec
-from hdsafebo.embeddings.training import TrainingSettings
+from hdsafebo.embeddings.training_settings import TrainingSettings
 from hdsafebo.problem import FloatArray
 
 

@@ -5,36 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated, Protocol
+from typing import Protocol
 
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor
 
-from hdsafebo.embeddings.base import EmbeddingSettings
+from hdsafebo.embeddings.training_settings import TrainingSettings
 from hdsafebo.errors import EmbeddingTrainingError
 from hdsafebo.progress import progress
 
 FINAL_RATE = 0.01  # of the first learning rate, at the end of the cosine
-
-
-class TrainingSettings(EmbeddingSettings):
-    """What all learned embeddings share.
-
-    Attributes:
-        epochs: passes over the data.
-        batch_size: points per step.
-        learning_rate: of Adam at the start; it falls along a cosine to a hundredth.
-        validation_share: share of the points that is held out to measure progress.
-        patience: epochs without a new best held-out measure after which training stops.
-    """
-
-    epochs: Annotated[int, Field(ge=1)]
-    batch_size: Annotated[int, Field(ge=1)]
-    learning_rate: Annotated[float, Field(gt=0)]
-    validation_share: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    patience: Annotated[int, Field(ge=1)]
 
 
 class Model(Protocol):

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.spinal.field_map import BACKGROUND, REFERENCE_CURRENT_MA
+from hdsafebo.spinal.field_map import BACKGROUND, REFERENCE_CURRENT_MA, field_maps
 
 PRINCIPAL_DIRECTIONS = 48  # hold all but 0.4% of the unit potentials' norm
 FIRST_LOOK = 8  # configurations whose exact distances set the threshold
@@ -62,6 +62,13 @@ class NearestMap:
     def __len__(self) -> int:
         """Number of rows, configurations times currents."""
         return len(self._unit) * len(self._strength)
+
+    def maps(self, rows: ArrayLike) -> NDArray[np.float64]:
+        """Field maps (n, pixels) of rows (n,); DatasetError if a row is out of range."""
+        wanted = np.asarray(rows, dtype=np.intp)
+        self._check_rows(wanted)
+        configuration, current = np.divmod(wanted, len(self._strength))
+        return field_maps(self._unit[configuration], self._strength[current] * REFERENCE_CURRENT_MA)
 
     def query(
         self, maps: ArrayLike, evaluated: ArrayLike | None = None, *, exclude_within_batch: bool = True
@@ -111,11 +118,14 @@ class NearestMap:
                 raise DatasetError(f"evaluated is a mask of {given.size} rows, expected {mask.size}")
             return given.reshape(mask.shape).copy()
         rows = given.astype(np.intp)
-        if rows.size and (rows.min() < 0 or rows.max() >= mask.size):
-            found = f"{rows.min()} to {rows.max()}"
-            raise DatasetError(f"evaluated rows reach from {found}, expected 0 to {mask.size - 1}")
+        self._check_rows(rows)
         mask.flat[rows] = True
         return mask
+
+    def _check_rows(self, rows: Rows) -> None:
+        if rows.size and (rows.min() < 0 or rows.max() >= len(self)):
+            found = f"{rows.min()} to {rows.max()}"
+            raise DatasetError(f"rows reach from {found}, expected 0 to {len(self) - 1}")
 
     def _bounds(
         self, offset: NDArray[np.float64]
