@@ -1,0 +1,91 @@
+"""Exact nearest-row decoding of field maps against brute force: equality and time.
+
+OMP_NUM_THREADS=1 python benchmarks/decoding.py --queries 1000 --json reports/benchmarks/decoding.json
+
+Times are CPU time, so with one thread (as above) other work on the machine matters little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from hdsafebo.progress import track
+from hdsafebo.spinal.configurations import enumerate_configurations
+from hdsafebo.spinal.field_map import unit_potentials
+from hdsafebo.spinal.nearest import NearestMap
+
+BATCH = 10  # queries per round of the optimiser
+EVALUATED = 1000  # rows that a finished run has evaluated
+
+
+def mixtures(unit: np.ndarray, count: int, noise: float, rng: np.random.Generator) -> np.ndarray:
+    """Maps between two configurations at any current up to a fifth above the largest, with pixel noise."""
+    first, second = unit[rng.integers(len(unit), size=(2, count))]
+    share, strength = rng.random((count, 1)), rng.uniform(0.0, 1.2, (count, 1))
+    exact = 1 + strength * (share * first + (1 - share) * second)
+    return exact + noise * rng.standard_normal((count, unit.shape[1]))
+
+
+def brute_force(unit: np.ndarray, currents: np.ndarray, query: np.ndarray, taken: np.ndarray) -> int:
+    """Nearest row by the distance to each of the 218,000 maps."""
+    columns = [np.linalg.norm(query - (1 + current / 5 * unit), axis=1) for current in currents]
+    distances = np.stack(columns, axis=1).ravel()
+    distances[taken] = np.inf
+    return int(distances.argmin())
+
+
+def median_ms(call: Callable[[], object], repeats: int) -> float:
+    """Median CPU time of a call in milliseconds."""
+    times = []
+    for _ in range(repeats):
+        start = time.process_time()
+        call()
+        times.append(time.process_time() - start)
+    return 1e3 * statistics.median(times)
+
+
+def main() -> None:
+    """Print the table, and write it if asked."""
+    parser = argparse.ArgumentParser(
+        description="Exact nearest-row decoding: equality with brute force, time."
+    )
+    parser.add_argument("--queries", type=int, default=20, help="random queries compared with brute force")
+    parser.add_argument("--repeats", type=int, default=30, help="timed repetitions")
+    parser.add_argument("--seed", type=int, default=0, help="of the queries")
+    parser.add_argument("--json", type=Path, help="write the results here")
+    options = parser.parse_args()
+
+    rng = np.random.default_rng(options.seed)
+    unit, currents = unit_potentials(enumerate_configurations()), np.geomspace(0.05, 5.0, 10)
+    start = time.process_time()
+    nearest = NearestMap(unit, currents)
+    results = {"build_ms": 1e3 * (time.process_time() - start)}
+    taken = rng.choice(len(nearest), EVALUATED, replace=False)
+    for noise in (0.0, 0.01, 0.1):
+        batch = mixtures(unit, BATCH, noise, rng)
+        key = f"ten_queries_noise_{noise:g}_ms"
+        results[key] = median_ms(partial(nearest.query, batch, taken), options.repeats)
+    maps = mixtures(unit, options.queries, 0.01, rng)
+    one = median_ms(partial(brute_force, unit, currents, maps[0], taken), 3)
+    results["brute_force_ten_queries_ms"] = BATCH * one
+    found, _ = nearest.query(maps, taken, exclude_within_batch=False)
+    expected = [brute_force(unit, currents, query, taken) for query in track(maps, "brute force")]
+    results["queries"] = options.queries
+    results["equal_to_brute_force"] = int(np.sum(found == np.array(expected)))
+    for key, value in results.items():
+        print(f"{key:32s} {value:12.2f}")
+    if options.json is not None:
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        options.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
