@@ -57,6 +57,6 @@ def matern52_with_slope(distance: FloatArray, length_scale: float) -> tuple[Floa
 
 
 def spectral_frequencies(n: int, dimension: int, length_scale: float, rng: np.random.Generator) -> FloatArray:
-    """(n, d) angular frequencies drawn from the kernel's spectral density, a Student t with 5 degrees of freedom."""
+    """(n, d) frequencies from the kernel's spectral density, a Student t with 5 degrees of freedom."""
     normal = rng.standard_normal((n, dimension))
     return normal * (np.sqrt(5.0 / rng.chisquare(5.0, n))[:, None] / length_scale)

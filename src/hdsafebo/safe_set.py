@@ -33,7 +33,7 @@ def alpha_of(beta: float) -> float:
 
 
 def safe_probability(mean: FloatArray, deviation: FloatArray, thresholds: FloatArray) -> FloatArray:
-    """(n,) probability that every safety function meets its threshold; the functions are modelled independently.
+    """(n,) probability that every safety function meets its threshold; they are modelled independently.
 
     Args:
         mean: (n, m) posterior means.

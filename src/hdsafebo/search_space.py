@@ -11,11 +11,11 @@ from hdsafebo.problem import FloatArray
 class SearchSpace:
     """A box of codes seen as the unit cube.
 
-    Trust regions and candidates live in the unit cube, where every dimension has the same range. Dividing each
-    dimension by its own width is not an isometry, so the kernel has inputs of its own: with `isotropic` all
-    dimensions are divided by one number, the largest width, so that distances between codes are only
-    scaled and Proposition 3 of the paper keeps its premise; without, the kernel sees the unit cube
-    (right when the units of the dimensions have nothing to do with each other).
+    Trust regions and candidates live in the unit cube, where every dimension has the same range. Dividing
+    each dimension by its own width is not an isometry, so the kernel has inputs of its own: with `isotropic`
+    all dimensions are divided by one number, the largest width, so that distances between codes are only
+    scaled and Proposition 3 of the paper keeps its premise; without, the kernel sees the unit cube, which is
+    right when the units of the dimensions have nothing to do with each other.
 
     Args:
         bounds: (2, d) lower and upper limits of the codes; a dimension of zero width stays fixed.
@@ -37,11 +37,12 @@ class SearchSpace:
         width = limits[1] - limits[0]
         if (width < 0).any():
             raise ProblemError(
-                f"lower bound above upper bound of the search space in dimensions {np.flatnonzero(width < 0).tolist()[:10]}"
+                "lower bound above upper bound of the search space in dimensions "
+                f"{np.flatnonzero(width < 0).tolist()[:10]}"
             )
         if not (width > 0).any():
             raise ProblemError(
-                f"the search space has zero width in all {len(width)} dimensions; expected at least one to vary"
+                f"the search space has zero width in all {len(width)} dimensions; expected one that varies"
             )
         self.bounds = limits
         self.lower = limits[0]

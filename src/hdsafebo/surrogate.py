@@ -11,20 +11,17 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hdsafebo.gaussian_process import (
-    GaussianProcess,
-    Hyperparameters,
-    LengthScaleLimits,
-    fit_gaussian_process,
-)
+from hdsafebo.gaussian_process import GaussianProcess, Hyperparameters
+from hdsafebo.gp_fit import LengthScaleLimits, fit_gaussian_process
 from hdsafebo.kernel import exact_distances
 from hdsafebo.problem import FloatArray, Safety
 from hdsafebo.safe_set import safe_probability, violation_bound
 
 
 class DistanceCache:
-    """Distances between the rows of a table that mostly grows at its end; equal to the bit to recomputing them."""
+    """Distances between the rows of a table that mostly grows at its end, as if computed anew, to the bit."""
 
     def __init__(self) -> None:
         self._inputs = np.empty((0, 0))
@@ -100,12 +97,23 @@ class Surrogate:
         return np.column_stack([p[0] for p in predictions]), np.column_stack([p[1] for p in predictions])
 
     def slack(self, x: FloatArray, beta: float) -> FloatArray:
-        """(k,) min over safety functions of (mu + beta * sigma - h) / prior deviation; at least 0 in the safe set."""
+        """(k,) least of (mu + beta * sigma - h) / prior deviation over safety functions."""
         mean, deviation = self.predict_safety(x)
         scale = np.array([gp.signal_deviation for gp in self.safety])
         return np.asarray(((mean + beta * deviation - self.thresholds) / scale).min(axis=1))
 
-    def believed_safe(self, x: FloatArray, beta: float) -> FloatArray:
+    def slack_with_gradient(self, x: FloatArray, beta: float) -> tuple[FloatArray, FloatArray]:
+        """`slack`, (k,), and its gradient (k, p): that of the safety function nearest to its threshold."""
+        rows = np.arange(len(x))
+        slacks, gradients = [], []
+        for gp, threshold in zip(self.safety, self.thresholds, strict=True):
+            mean, deviation, mean_gradient, deviation_gradient = gp.predict_with_gradient(x)
+            slacks.append((mean + beta * deviation - threshold) / gp.signal_deviation)
+            gradients.append((mean_gradient + beta * deviation_gradient) / gp.signal_deviation)
+        nearest = np.argmin(slacks, axis=0)
+        return np.array(slacks)[nearest, rows], np.array(gradients)[nearest, rows]
+
+    def believed_safe(self, x: FloatArray, beta: float) -> NDArray[np.bool_]:
         """(k,) True where mu + beta * sigma >= h for every safety function.
 
         Sigma lies between 0 and the prior deviation, so the mean alone decides most points; the rest, and
@@ -161,7 +169,7 @@ def fit_surrogate(
     *,
     start: SurrogateState | None = None,
     cache: DistanceCache | None = None,
-    limits: LengthScaleLimits = LengthScaleLimits(),
+    limits: LengthScaleLimits | None = None,
 ) -> Surrogate:
     """Fit all Gaussian processes.
 

@@ -9,17 +9,19 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hdsafebo.errors import NoSafePointError, ProblemError, TrialError
-from hdsafebo.gaussian_process import LengthScaleLimits
+from hdsafebo.errors import NoSafePointError, TrialError
+from hdsafebo.gp_fit import LengthScaleLimits
+from hdsafebo.optimizers.fits import Fits
 from hdsafebo.optimizers.ledger import Ledger
-from hdsafebo.optimizers.results import check_points, check_results
+from hdsafebo.optimizers.proposal import Codec, Proposal, encode, realise
+from hdsafebo.optimizers.results import check_points, check_results, check_rows
 from hdsafebo.optimizers.settings import OptimizerSettings, check_settings
 from hdsafebo.problem import FloatArray, IntArray, Problem, Trials, check_problem
 from hdsafebo.search_space import SearchSpace
@@ -31,33 +33,6 @@ from hdsafebo.surrogate import (
     modelled_safety,
     modelled_thresholds,
 )
-
-
-class Codec(Protocol):
-    """What an optimiser needs of an embedding."""
-
-    def encode(self, x: FloatArray, /) -> FloatArray:
-        """(n, D) inputs to (n, d) codes."""
-
-    def decode(self, z: FloatArray, /) -> FloatArray:
-        """(n, d) codes to (n, D) inputs."""
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """Where a method wants the next trials: k of them, at least one and at most as many as it was asked for.
-
-    Attributes:
-        points: (k, d) in the unit cube; None when `rows` are given.
-        rows: (k,) rows of the problem's finite candidate set, when the method chose among them itself.
-        trust_region_length: of the region the points come from, a number or (k,); NaN without one.
-        marked_unsafe: (k,) True for points that are not believed safe; None means that all are.
-    """
-
-    points: FloatArray | None = None
-    rows: IntArray | None = None
-    trust_region_length: float | FloatArray = np.nan
-    marked_unsafe: NDArray[np.bool_] | None = None
 
 
 class Optimizer(ABC):
@@ -112,10 +87,7 @@ class Optimizer(ABC):
             problem, problem.bounds.shape[1] if self._space is None else self._space.dimension
         )
         self._elsewhere: IntArray = np.empty(0, np.int64)
-        self._cache = DistanceCache()
-        self._surrogate: Surrogate | None = None
-        self._start: SurrogateState | None = None
-        self._next_start: SurrogateState | None = None
+        self._fits = Fits()
 
     # --- what a method provides
 
@@ -127,14 +99,16 @@ class Optimizer(ABC):
             NoSafePointError: the method abstains.
         """
 
-    def finish_round(self, trials: Trials) -> None:
+    def finish_round(self, trials: Trials) -> None:  # noqa: B027 (a method may have nothing to learn)
         """Learn from a round whose results are all known now; they are in `self.trials`, too."""
 
     def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """What the method remembers beyond trials, generator and fits: plain data, and arrays by name."""
         return {}, {}
 
-    def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+    def restore_method_state(  # noqa: B027 (a method may have nothing to remember)
+        self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]
+    ) -> None:
         """Take back what `method_state` gave."""
 
     def kernel_inputs(self, trials: Trials) -> FloatArray:
@@ -142,7 +116,7 @@ class Optimizer(ABC):
         return self.space.kernel_inputs(self.space.to_unit(trials.z))
 
     def believe(self, trials: Trials) -> tuple[FloatArray, FloatArray]:
-        """(n,) safe probabilities and (n,) violation bounds of the points of `trials`, before they are evaluated.
+        """(n,) safe probabilities and (n,) violation bounds of the points of `trials`, not yet evaluated.
 
         The bound is NaN when a safety function is modelled through a transform: it would have its units.
         """
@@ -161,8 +135,8 @@ class Optimizer(ABC):
 
         Args:
             n: how many.
-            pending: trials under evaluation elsewhere, which this optimiser does not know: their candidate rows
-                are not proposed. Its own trials without a result are never proposed again anyway.
+            pending: trials under evaluation elsewhere, which this optimiser does not know: their candidate
+                rows are not proposed. Its own trials without a result are never proposed again anyway.
 
         Returns:
             At most n trials without results; fewer when the candidates run out, or when the method abstains
@@ -178,16 +152,13 @@ class Optimizer(ABC):
         self._elsewhere = np.empty(0, np.int64) if pending is None else pending.candidate
         generator = self.rng.bit_generator.state
         try:
-            trials = self._realise(self.propose(min(int(n), self._candidates_left())))
-            probability, bound = self.believe(trials)
+            trials = self._pending(self.propose(min(int(n), self._candidates_left())))
         except BaseException:
             self.rng.bit_generator.state = generator
             raise
-        trials = replace(trials, predicted_safe_probability=probability, violation_bound=bound)
         self._ledger.append(trials)
         self.round += 1
-        if self._surrogate is not None:
-            self._next_start = self._surrogate.state
+        self._fits.use()
         return trials
 
     def tell(
@@ -206,8 +177,8 @@ class Optimizer(ABC):
             trials: trials from `ask`, or their ids.
             objective: (n,) values.
             safety: (n, m) values, or (n,) when there is one safety function.
-            status: (n,) `Status.COMPLETED` or `Status.FAILED`; values of failed trials are ignored. None means
-                that all are completed.
+            status: (n,) `Status.COMPLETED` or `Status.FAILED`; values of failed trials are ignored. None
+                means that all are completed.
 
         Raises:
             TrialError: an unknown trial, a result that conflicts with an earlier one (which stays), a wrong
@@ -218,7 +189,7 @@ class Optimizer(ABC):
         before = self._ledger.trials.status
         finished = self._ledger.record(ids, results)
         if not np.array_equal(before, self._ledger.trials.status):
-            self._data_changed()
+            self._fits.forget()
         for number in finished:
             self.finish_round(self._ledger.round(int(number)))
 
@@ -232,37 +203,37 @@ class Optimizer(ABC):
         candidate: ArrayLike | None = None,
         initial: bool = False,
     ) -> Trials:
-        """Take in results of inputs that were not proposed here: initial data, or trials that someone set by hand.
+        """Take in results of inputs that were not proposed here: initial data, or trials set by hand.
 
         Args:
             x: (n, D) inputs.
             objective: (n,) values.
             safety: (n, m) values, or (n,) when there is one safety function.
             status: as in `tell`.
-            candidate: (n,) rows of the finite candidate set, -1 for inputs that are not in it; None means no row.
+            candidate: (n,) rows of the finite candidate set, -1 for inputs not in it; None means no row.
             initial: the data was there before the first `ask`.
 
         Returns:
             The trials as they were recorded, in round 0.
 
         Raises:
-            TrialError: a wrong shape, a value that is no finite number, or a candidate row that does not exist.
+            TrialError: a wrong shape, a value that is no finite number, or a row that does not exist.
         """
         points = check_points("x", x, self.problem.bounds.shape[1])
         results = check_results(self.problem, len(points), objective, safety, status)
         trials = Trials.pending(
             points,
-            self._encode(points),
+            encode(self.embedding, points),
             len(self.problem.safety),
             first_id=len(self._ledger),
-            candidate=self._check_rows(candidate, len(points)),
+            candidate=check_rows(self.problem, candidate, len(points)),
             initial=np.full(len(points), initial),
             objective=results.objective,
             safety=results.safety,
             status=results.status,
         )
         self._ledger.append(trials)
-        self._data_changed()
+        self._fits.forget()
         return trials
 
     # --- what is known
@@ -286,11 +257,12 @@ class Optimizer(ABC):
         """Row of x* of Algorithm 1, the best feasible trial; without one, that of the least violation.
 
         Raises:
-            NoSafePointError: there is no completed trial, or none is feasible and `empty_safe_set` is "abstain".
+            NoSafePointError: no trial is completed, or none is feasible and `empty_safe_set` is "abstain".
         """
         if not self.trials.completed.any():
             raise NoSafePointError(
-                f"{self.name} has no completed trial to start from; report initial data with observe(..., initial=True)"
+                f"{self.name} has no completed trial to start from; "
+                "report initial data with observe(..., initial=True)"
             )
         row = self._ledger.best_row(self.feasible)
         if row is None and self.settings.empty_safe_set == "abstain":
@@ -337,24 +309,21 @@ class Optimizer(ABC):
             NoSafePointError: there is no completed trial.
             SurrogateError: no process could be fitted.
         """
-        if self._surrogate is None:
-            trials = self.trials[self.rows_to_fit()]
-            if len(trials) == 0:
-                raise NoSafePointError(
-                    f"{self.name} has no completed trial to fit; report initial data with observe"
-                )
-            self._surrogate = fit_surrogate(
-                self.kernel_inputs(trials),
-                trials.objective,
-                modelled_safety(self.problem.safety, trials.safety),
-                modelled_thresholds(self.problem.safety),
-                start=self._start,
-                cache=self._cache,
-                limits=LengthScaleLimits(
-                    self.settings.shortest_length_scale, self.settings.longest_length_scale
-                ),
-            )
-        return self._surrogate
+        return self._fits.current(self._fit)
+
+    def _fit(self, start: SurrogateState | None, cache: DistanceCache) -> Surrogate:
+        trials = self.trials[self.rows_to_fit()]
+        if len(trials) == 0:
+            raise NoSafePointError(f"{self.name} has no completed trial to fit; report data with observe")
+        return fit_surrogate(
+            self.kernel_inputs(trials),
+            trials.objective,
+            modelled_safety(self.problem.safety, trials.safety),
+            modelled_thresholds(self.problem.safety),
+            start=start,
+            cache=cache,
+            limits=LengthScaleLimits(self.settings.shortest_length_scale, self.settings.longest_length_scale),
+        )
 
     def rows_to_fit(self) -> IntArray:
         """Rows of the completed trials that the surrogate is fitted to: all of them.
@@ -400,11 +369,6 @@ class Optimizer(ABC):
 
     # --- internals
 
-    def _data_changed(self) -> None:
-        self._surrogate = None
-        if self._next_start is not None:
-            self._start, self._next_start = self._next_start, None
-
     def _candidates_left(self) -> int:
         if self.problem.candidates is None:
             return int(np.iinfo(np.int64).max)
@@ -416,54 +380,18 @@ class Optimizer(ABC):
             )
         return left
 
-    def _check_rows(self, candidate: ArrayLike | None, n: int) -> IntArray:
-        total = 0 if self.problem.candidates is None else len(self.problem.candidates.features)
-        rows = np.full(n, -1) if candidate is None else np.asarray(candidate)
-        if rows.shape != (n,) or not np.issubdtype(rows.dtype, np.integer):
-            raise TrialError(
-                f"candidate has shape {rows.shape} and type {rows.dtype}; expected ({n},) whole numbers"
-            )
-        if n and (rows.min() < -1 or rows.max() >= total):
-            raise TrialError(f"candidate holds {rows.min()} to {rows.max()}; expected -1 to {total - 1}")
-        return rows.astype(np.int64)
-
-    def _encode(self, x: FloatArray) -> FloatArray:
-        z = x.copy() if self.embedding is None else np.asarray(self.embedding.encode(x), float)
-        if z.ndim != 2 or len(z) != len(x) or not np.isfinite(z).all():
-            raise TrialError(
-                f"the embedding gave codes of shape {z.shape} for {len(x)} inputs; expected (n, d) finite numbers"
-            )
-        return z
-
-    def _realise(self, proposal: Proposal) -> Trials:
-        """The trials that a proposal stands for, at the points that will really be evaluated."""
-        candidates = self.problem.candidates
-        rows = proposal.rows
-        if rows is None:
-            assert proposal.points is not None, "a proposal has points or rows"
-            z = self.space.to_code(proposal.points)
-            x = z if self.embedding is None else np.asarray(self.embedding.decode(z), float)
-            if candidates is not None:
-                rows = candidates.nearest(x, self.taken)
-        if rows is None:
-            x = np.clip(x, self.problem.bounds[0], self.problem.bounds[1])
-            rows = np.full(len(x), -1)
-        elif candidates is None:
-            raise ProblemError(
-                f"{self.name} chose candidate rows, but {self.problem.name!r} has no candidate set"
-            )
-        else:
-            x = candidates.inputs(rows)
-        n = len(x)
-        return Trials.pending(
-            x,
-            self._encode(x),
+    def _pending(self, proposal: Proposal) -> Trials:
+        """The trials that a proposal stands for, with what is believed of them."""
+        points = realise(proposal, self.problem, self.embedding, self.space, self.taken)
+        trials = Trials.pending(
+            points.x,
+            points.z,
             len(self.problem.safety),
             first_id=len(self._ledger),
             round=self.round + 1,
-            candidate=np.asarray(rows, np.int64),
-            trust_region_length=np.broadcast_to(np.asarray(proposal.trust_region_length, float), (n,)).copy(),
-            marked_unsafe=np.zeros(n, bool)
-            if proposal.marked_unsafe is None
-            else np.asarray(proposal.marked_unsafe, bool),
+            candidate=points.rows,
+            trust_region_length=points.trust_region_length,
+            marked_unsafe=points.marked_unsafe,
         )
+        probability, bound = self.believe(trials)
+        return replace(trials, predicted_safe_probability=probability, violation_bound=bound)

@@ -117,7 +117,8 @@ class Ledger:
                 and np.array_equal(safety[trial], results.safety[i], equal_nan=True)
             ):
                 raise TrialError(
-                    f"trial {trial} was told objective {objective[trial]:g}, safety {safety[trial].tolist()}, status {status[trial]}, "
-                    f"and now {results.objective[i]:g}, {results.safety[i].tolist()}, {results.status[i]}; the first result stays"
+                    f"trial {trial} was told objective {objective[trial]:g}, safety {safety[trial].tolist()}, "
+                    f"status {status[trial]}, and now objective {results.objective[i]:g}, safety "
+                    f"{results.safety[i].tolist()}, status {results.status[i]}; the first result stays"
                 )
         return replace(self.trials, objective=objective, safety=safety, status=status)

@@ -11,10 +11,10 @@ import numpy as np
 from hdsafebo.errors import HdSafeBOError, StateFileError
 from hdsafebo.optimizers.state_file import read_state, write_state
 from hdsafebo.problem import Problem, Trials
-from hdsafebo.surrogate import SurrogateState
 
 if TYPE_CHECKING:
-    from hdsafebo.optimizers.base import Codec, Optimizer
+    from hdsafebo.optimizers.base import Optimizer
+    from hdsafebo.optimizers.proposal import Codec
 
 T = TypeVar("T", bound="Optimizer")
 _TRIALS = "trials."
@@ -33,8 +33,7 @@ def save_optimizer(optimizer: Optimizer, path: Path) -> None:
         "embedded": optimizer.embedding is not None,
         "round": optimizer.round,
         "generator": optimizer.rng.bit_generator.state,
-        "start": None if optimizer._start is None else optimizer._start.to_json(),
-        "next_start": None if optimizer._next_start is None else optimizer._next_start.to_json(),
+        "fits": optimizer._fits.to_json(),
         "method_state": method_state,
     }
     arrays = {_TRIALS + f.name: getattr(optimizer.trials, f.name) for f in fields(Trials)}
@@ -56,8 +55,7 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
         optimizer._ledger.append(trials)
         optimizer.round = state["round"]
         optimizer.rng.bit_generator.state = state["generator"]
-        optimizer._start = _fits(state["start"])
-        optimizer._next_start = _fits(state["next_start"])
+        optimizer._fits.restore(state["fits"])
         method_arrays = {n.removeprefix(_METHOD): a for n, a in arrays.items() if n.startswith(_METHOD)}
         optimizer.restore_method_state(state["method_state"], method_arrays)
     except StateFileError:
@@ -65,10 +63,6 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
     except (HdSafeBOError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise StateFileError(f"{path}: damaged state: {type(error).__name__}: {error}") from error
     return optimizer
-
-
-def _fits(data: dict[str, Any] | None) -> SurrogateState | None:
-    return None if data is None else SurrogateState.from_json(data)
 
 
 def _identity(problem: Problem) -> dict[str, Any]:

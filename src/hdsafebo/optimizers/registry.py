@@ -12,7 +12,8 @@ from hdsafebo.errors import UnknownNameError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from hdsafebo.optimizers.base import Codec, Optimizer
+    from hdsafebo.optimizers.base import Optimizer
+    from hdsafebo.optimizers.proposal import Codec
     from hdsafebo.problem import Problem
 
 ORIGINAL_SUFFIX = "_original"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import TrialError
-from hdsafebo.problem import FloatArray, Problem, Status
+from hdsafebo.problem import FloatArray, IntArray, Problem, Status
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,23 @@ def check_points(name: str, points: ArrayLike, columns: int) -> FloatArray:
     return table
 
 
+def check_rows(problem: Problem, candidate: ArrayLike | None, n: int) -> IntArray:
+    """(n,) rows of the problem's candidate set, -1 for inputs that are not in it; None means none is.
+
+    Raises:
+        TrialError: another shape or type, or a row that does not exist.
+    """
+    total = 0 if problem.candidates is None else len(problem.candidates.features)
+    rows = np.full(n, -1) if candidate is None else np.asarray(candidate)
+    if rows.shape != (n,) or not np.issubdtype(rows.dtype, np.integer):
+        raise TrialError(
+            f"candidate has shape {rows.shape} and type {rows.dtype}; expected ({n},) whole numbers"
+        )
+    if n and (rows.min() < -1 or rows.max() >= total):
+        raise TrialError(f"candidate holds {rows.min()} to {rows.max()}; expected -1 to {total - 1}")
+    return rows.astype(np.int64)
+
+
 def _numbers(values: ArrayLike, name: str) -> FloatArray:
     try:
         return np.array(values, dtype=float)
@@ -89,7 +106,8 @@ def _states(status: ArrayLike | None, n: int) -> NDArray[np.uint8]:
         raise TrialError(f"status has shape {np.shape(status)}; expected ({n},)") from None
     if not np.isin(given, [Status.COMPLETED, Status.FAILED]).all():
         raise TrialError(
-            f"status is {given.tolist()[:10]}; expected {Status.COMPLETED.value} (completed) or {Status.FAILED.value} (failed)"
+            f"status is {given.tolist()[:10]}; expected {Status.COMPLETED.value} (completed) "
+            f"or {Status.FAILED.value} (failed)"
         )
     return given.astype(np.uint8)
 

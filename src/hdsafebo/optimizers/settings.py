@@ -20,10 +20,11 @@ class OptimizerSettings(BaseModel):
     Attributes:
         beta: a point is in the safe set when mu + beta * sigma >= h (paper: 2 in all experiments).
         alpha: safe probability to promise instead, beta = Phi^-1(1 - alpha) (paper, Proposition 1).
-        empty_safe_set: when too few candidates are believed safe: "mark" proposes the most probably safe ones and marks
-            them in `Trials.marked_unsafe`; "abstain" proposes fewer trials, and raises `NoSafePointError` when there is none.
-        isotropic: divide all code dimensions by one number for the kernel, as Proposition 3 of the paper needs,
-            or each by its own width (see `search_space`); None does so when there is an embedding.
+        empty_safe_set: when too few candidates are believed safe: "mark" proposes the most probably safe ones
+            and marks them in `Trials.marked_unsafe`; "abstain" proposes fewer trials, and raises
+            `NoSafePointError` when there is none.
+        isotropic: divide all code dimensions by one number for the kernel, as Proposition 3 of the paper
+            needs, or each by its own width (see `search_space`); None does so when there is an embedding.
         shortest_length_scale: limit of fitted length scales, in median distances of the data.
         longest_length_scale: the other limit.
     """
@@ -45,7 +46,8 @@ class OptimizerSettings(BaseModel):
             )
         if self.shortest_length_scale > self.longest_length_scale:
             raise ValueError(
-                f"shortest_length_scale ({self.shortest_length_scale}) exceeds longest_length_scale ({self.longest_length_scale})"
+                f"shortest_length_scale ({self.shortest_length_scale}) exceeds "
+                f"longest_length_scale ({self.longest_length_scale})"
             )
         return self
 
@@ -66,7 +68,8 @@ def check_settings(kind: type[S], method: str, values: Mapping[str, Any]) -> S:
 def _explain(kind: type[OptimizerSettings], method: str, error: Any) -> str:
     key = ".".join(str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
-        return f"method {method!r}: unknown setting {key!r}; valid settings: {', '.join(sorted(kind.model_fields))}"
+        valid = ", ".join(sorted(kind.model_fields))
+        return f"method {method!r}: unknown setting {key!r}; valid settings: {valid}"
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "value_error":
         return f"method {method!r}: {message}"

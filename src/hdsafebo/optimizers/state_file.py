@@ -74,7 +74,5 @@ def read_state(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     except (SafetensorError, KeyError, ValueError, RecursionError) as error:
         raise StateFileError(f"{path}: not the state of an optimiser: {error}") from error
     if not isinstance(state, dict) or state.get("format") != FORMAT:
-        raise StateFileError(
-            f"{path}: format is {state.get('format') if isinstance(state, dict) else state!r}; expected {FORMAT}"
-        )
+        raise StateFileError(f"{path}: state of a format other than {FORMAT}")
     return state, arrays

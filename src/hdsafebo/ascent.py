@@ -1,0 +1,114 @@
+"""Gradient ascent within the safe set and a ball."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdsafebo.problem import FloatArray
+
+ValueAndGradient = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+_FIRST_STEP = 0.35
+_SHRINK = 0.88
+_NEAR_BORDER = 0.15
+_PUSH = 1.5
+_TINY = 1e-12
+
+
+@dataclass(frozen=True)
+class Metric:
+    """Affine map from the unit cube to kernel inputs, k = A u + b, where steps and radii are measured.
+
+    Attributes:
+        matrix: (p, d) A, or (d,) when it is diagonal.
+        offset: (p,) b.
+    """
+
+    matrix: FloatArray
+    offset: FloatArray
+
+    def inputs(self, u: FloatArray) -> FloatArray:
+        """(n, p) kernel inputs of (n, d) points of the unit cube."""
+        return self.offset + self.push_forward(u)
+
+    def pull_back(self, gradient: FloatArray) -> FloatArray:
+        """(n, d) gradients in the unit cube of (n, p) gradients in the kernel inputs."""
+        return gradient * self.matrix if self.matrix.ndim == 1 else gradient @ self.matrix
+
+    def push_forward(self, step: FloatArray) -> FloatArray:
+        """(n, p) steps in kernel inputs of (n, d) steps in the unit cube."""
+        return step * self.matrix if self.matrix.ndim == 1 else step @ self.matrix.T
+
+    def inner(self, a: FloatArray, b: FloatArray) -> FloatArray:
+        """(n, 1) inner products, in kernel inputs, of (n, d) steps in the unit cube."""
+        return np.einsum("ij,ij->i", self.push_forward(a), self.push_forward(b))[:, None]
+
+    def length(self, step: FloatArray) -> FloatArray:
+        """(n, 1) lengths in kernel inputs of (n, d) steps in the unit cube."""
+        return np.linalg.norm(self.push_forward(step), axis=1, keepdims=True)
+
+    def normalised(self, step: FloatArray) -> FloatArray:
+        """(n, d) steps of length one."""
+        return step / np.maximum(self.length(step), _TINY)
+
+
+def ascend(
+    value: ValueAndGradient,
+    slack: ValueAndGradient,
+    start: FloatArray,
+    centre: FloatArray,
+    radius: FloatArray,
+    metric: Metric,
+    steps: int,
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Climb n functions at once, each from its own start, and keep the best safe point on each way.
+
+    Inside the safe set a step follows the gradient of the value; near its border without the part that leads
+    out; outside it is drawn back in. Steps shrink geometrically.
+
+    Args:
+        value: values and gradients, (n,) and (n, p), of the functions at (n, p) kernel inputs.
+        slack: values and gradients of the safety margin, which is at least 0 in the safe set; it is in
+            units of prior deviations.
+        start: (n, d) points of the unit cube.
+        centre: (d,) centre of the ball.
+        radius: (n,) radii of the balls, in kernel inputs.
+        metric: from unit cube to kernel inputs.
+        steps: number of steps.
+
+    Returns:
+        (n, d) best safe points, and (n,) False where no safe point was met (the start is returned there).
+    """
+    u = _into_ball(start, centre, radius, metric)
+    best = u.copy()
+    best_value = np.full(len(u), -np.inf)
+    step = _FIRST_STEP * radius[:, None]
+    for _ in range(steps + 1):
+        inputs = metric.inputs(u)
+        height, uphill = value(inputs)
+        margin, inward = slack(inputs)
+        safe = margin >= 0
+        better = safe & (height > best_value)
+        best[better], best_value[better] = u[better], height[better]
+        up, back = metric.normalised(metric.pull_back(uphill)), metric.normalised(metric.pull_back(inward))
+        u = _into_ball(u + step * _direction(up, back, margin, metric), centre, radius, metric)
+        step *= _SHRINK
+    return best, np.isfinite(best_value)
+
+
+def _direction(uphill: FloatArray, inward: FloatArray, margin: FloatArray, metric: Metric) -> FloatArray:
+    """(n, d) where to step, from directions of length one and the (n,) safety margin."""
+    outward_part = np.minimum(metric.inner(uphill, inward), 0.0)
+    near = (margin < _NEAR_BORDER)[:, None]
+    direction = np.where(near, uphill - outward_part * inward, uphill)
+    return np.where((margin < 0)[:, None], direction + _PUSH * inward, direction)
+
+
+def _into_ball(u: FloatArray, centre: FloatArray, radius: FloatArray, metric: Metric) -> FloatArray:
+    step = u - centre
+    inside = centre + step * np.minimum(1.0, radius[:, None] / np.maximum(metric.length(step), _TINY))
+    return np.clip(inside, 0.0, 1.0)

@@ -1,0 +1,143 @@
+"""HdSafeBO: the paper's Algorithm 1 with SafeUpdate (Algorithm 2).
+
+Lines of Algorithm 1 and where they are:
+    1      c_s, c_f <- 0                                     __init__
+    2      x*, y* <- best safe point of D_0                  Optimizer.centre_row
+    4      encode the data                                   Optimizer.observe and ask, once per trial
+    5      update the Gaussian processes                     Optimizer.surrogate
+    6      L_t, the trust region around x*                   propose, _box
+    7      S_t, the optimistic safe set within L_t           propose, Surrogate.believed_safe
+    8      maximise the acquisition function over S_t        propose, thompson_sample
+    9      decode                                            Optimizer.ask
+    10-12  evaluate, add to the data                         the caller, Optimizer.tell
+    13     SafeUpdate                                        finish_round, safe_update
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from math import ceil
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.empty_set import complete_batch
+from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.problem import FloatArray, Trials
+from hdsafebo.sampling import sobol_points, thompson_sample
+from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
+
+
+class HdSafeBOSettings(OptimizerSettings):
+    """Settings of HdSafeBO. Where the paper leaves a reading open, the setting says which ones there are.
+
+    Attributes:
+        length_initial: l_0. The paper uses SCBO's defaults, in BoTorch 0.8, 1.6, 2^-7 and tau_s = 10.
+        length_max: l_max.
+        length_min: l_min.
+        success_tolerance: tau_s.
+        failure_tolerance: tau_f; None is SCBO's ceil(max(4 / q, d / q)) for a round of q trials.
+        box: l_t is the "side" of the box, z* -+ l_t / 2, as in SCBO and the text of section 4.2, or its
+            "half_width", z* -+ l_t, as line 6 of Algorithm 1 is printed.
+        unit: l_t counts widths of the searched box ("box", as in SCBO) or fitted length scales
+            ("length_scale").
+        batch_success: a round succeeds when it "improved" the best safe objective (Algorithm 2, line 1),
+            or only when it "improved_and_all_safe" (section 4.2: "while maintaining comprehensive safety").
+        candidates: number of Sobol points in the box; None is BoTorch's min(5000, max(2000, 200 d)).
+        perturbed: expected number of coordinates in which a candidate differs from the centre (SCBO's and
+            TuRBO's mask uses 20); None lets all differ, as the paper says nothing of a mask.
+        local: False searches the whole box (the paper's ablation without local search).
+    """
+
+    length_initial: float = Field(default=0.8, gt=0)
+    length_max: float = Field(default=1.6, gt=0)
+    length_min: float = Field(default=2.0**-7, gt=0)
+    success_tolerance: int = Field(default=10, ge=1)
+    failure_tolerance: int | None = Field(default=None, ge=1)
+    box: Literal["side", "half_width"] = "side"
+    unit: Literal["box", "length_scale"] = "box"
+    batch_success: Literal["improved", "improved_and_all_safe"] = "improved_and_all_safe"
+    candidates: int | None = Field(default=None, ge=1)
+    perturbed: int | None = Field(default=None, ge=1)
+    local: bool = True
+
+
+class HdSafeBO(Optimizer):
+    """High-dimensional safe Bayesian optimisation (the paper's Algorithms 1 and 2)."""
+
+    name = "hdsafebo"
+    Settings = HdSafeBOSettings
+    settings: HdSafeBOSettings
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.region = TrustRegion(self.settings.length_initial)
+
+    def propose(self, n: int) -> Proposal:
+        """Lines 5 to 8 of Algorithm 1, for a batch."""
+        centre = self.space.to_unit(self.trials.z[[self.centre_row()]])[0]
+        beta = self.settings.confidence
+        length = self.region.length
+        while True:
+            candidates = self._candidates(centre, *self._box(centre, length))
+            inputs = self.space.kernel_inputs(candidates)
+            safe = self.surrogate.believed_safe(inputs, beta)
+            if safe.sum() >= n or length <= self.settings.length_min or not self.settings.local:
+                break
+            length /= 2  # too few candidates are believed safe: look closer to the point that was safe
+        chosen = np.flatnonzero(safe)
+        if len(chosen) > n:
+            chosen = chosen[thompson_sample(self.surrogate.objective, inputs[chosen], n, self.rng)]
+        chosen = complete_batch(chosen, n, inputs, self.surrogate, self.settings.empty_safe_set)
+        return Proposal(
+            candidates[chosen],
+            trust_region_length=length if self.settings.local else np.nan,
+            marked_unsafe=~safe[chosen],
+        )
+
+    def finish_round(self, trials: Trials) -> None:
+        """Line 13 of Algorithm 1: was the round a success (Algorithm 2, line 1), and the new region."""
+        before = self._ledger.best_row(self.feasible & ~np.isin(self.trials.id, trials.id))
+        feasible = self.feasible[trials.id]
+        improved = feasible.any() and (
+            before is None or trials.objective[feasible].max() > self.trials.objective[before]
+        )
+        all_safe = bool(feasible.all()) or self.settings.batch_success == "improved"
+        self.region = safe_update(self.region, bool(improved) and all_safe, self._rule(len(trials)))
+
+    def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Length and counters of the trust region."""
+        return asdict(self.region), {}
+
+    def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        """Take back what `method_state` gave."""
+        self.region = TrustRegion(**state)
+
+    def _box(self, centre: FloatArray, length: float) -> tuple[FloatArray, FloatArray]:
+        """Line 6: lower and upper corner of L_t in the unit cube."""
+        if not self.settings.local:
+            return np.zeros_like(centre), np.ones_like(centre)
+        half: FloatArray | float = length / 2 if self.settings.box == "side" else length
+        if self.settings.unit == "length_scale":
+            half = half * self.surrogate.length_scale / self.space.metric
+        return np.clip(centre - half, 0.0, 1.0), np.clip(centre + half, 0.0, 1.0)
+
+    def _candidates(self, centre: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+        """(k, d) points of the box, among which line 8 maximises."""
+        d = self.space.dimension
+        count = self.settings.candidates or min(5000, max(2000, 200 * d))
+        points = lower + (upper - lower) * sobol_points(count, d, self.rng)
+        if self.settings.perturbed is None or self.settings.perturbed >= d:
+            return points
+        moved = self.rng.random(points.shape) < self.settings.perturbed / d
+        moved[np.arange(count), self.rng.integers(d, size=count)] = True
+        return np.where(moved, points, np.clip(centre, 0.0, 1.0))
+
+    def _rule(self, batch: int) -> TrustRegionRule:
+        """Constants of Algorithm 2 for a round of `batch` trials."""
+        s = self.settings
+        failures = s.failure_tolerance or ceil(max(4 / batch, self.space.dimension / batch))
+        return TrustRegionRule(s.length_initial, s.length_min, s.length_max, s.success_tolerance, failures)

@@ -1,0 +1,276 @@
+"""HdSafeBO with a trust region the size of the length scale, and ascent in place of candidates.
+
+Two things differ from the paper's algorithm, which is kept as it is in `hdsafebo.py`:
+
+* The trust region is a ball whose radius is a multiple rho of the fitted length scale. The box of Algorithm 1
+  counts widths of the searched space; in many dimensions nearly all of it lies many length scales away from
+  any data, where the posterior is the prior and the safe set means nothing. The first round probes the
+  neighbourhood of the best safe point at radii spread over orders of magnitude, which tells the length scale.
+* The acquisition function is maximised by gradient ascent within the safe set. Part of a batch climbs the
+  posterior mean, the rest climbs posterior sample paths (Thompson sampling) close to the best safe point.
+
+On a problem with a finite candidate set the same trust region is the set of rows nearest to the best safe
+row, with some rows from everywhere: the safety bound then speaks of what will be evaluated, as it does not
+when a point of a continuous space is replaced by its nearest row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from hdsafebo.ascent import Metric, ascend
+from hdsafebo.errors import ProblemError
+from hdsafebo.kernel import fast_distances
+from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.empty_set import complete_batch
+from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.problem import FloatArray, IntArray, Trials
+from hdsafebo.sampling import SamplePaths, thompson_sample
+from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
+
+_AFFINE_TOLERANCE = 1e-6
+_CLOUD = 64
+_NONE = np.empty(0, np.int64)
+
+
+class HdSafeBOLocalSettings(OptimizerSettings):
+    """Settings of the local variant; lengths are in units of the fitted length scale unless stated.
+
+    Attributes:
+        beta: of the safe set; -2 promises a safe probability of 0.977.
+        radius_initial: rho at the start.
+        radius_max: largest rho.
+        radius_min: smallest rho.
+        success_tolerance: successful rounds after which the region grows.
+        failure_tolerance: failed rounds after which it shrinks.
+        exploit: share of a batch that climbs the posterior mean, at radii of 0.5 to 1.5 rho.
+        explore_radius: within which the rest of the batch climbs sample paths.
+        probe_min: smallest radius of the first round, in median distances of the initial data.
+        probe_max: largest one.
+        steps: of an ascent.
+        rows_initial: size of the trust region in rows of a finite candidate set.
+        rows_max: largest size.
+        rows_min: smallest size.
+        rows_elsewhere: rows drawn from the whole candidate set each round.
+    """
+
+    beta: float = -2.0
+    radius_initial: float = Field(default=0.3, gt=0)
+    radius_max: float = Field(default=1.0, gt=0)
+    radius_min: float = Field(default=0.02, gt=0)
+    success_tolerance: int = Field(default=3, ge=1)
+    failure_tolerance: int = Field(default=5, ge=1)
+    exploit: float = Field(default=0.3, ge=0, le=1)
+    explore_radius: float = Field(default=0.15, gt=0)
+    probe_min: float = Field(default=5e-4, gt=0)
+    probe_max: float = Field(default=5e-3, gt=0)
+    steps: int = Field(default=20, ge=1)
+    rows_initial: int = Field(default=4000, ge=1)
+    rows_max: int = Field(default=16000, ge=1)
+    rows_min: int = Field(default=500, ge=1)
+    rows_elsewhere: int = Field(default=2000, ge=0)
+
+
+class HdSafeBOLocal(Optimizer):
+    """Local variant of HdSafeBO."""
+
+    name = "hdsafebo_local"
+    Settings = HdSafeBOLocalSettings
+    settings: HdSafeBOLocalSettings
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        s = self.settings
+        if self.problem.candidates is None:
+            bounds = (
+                s.radius_initial,
+                s.radius_min,
+                s.radius_max,
+                s.success_tolerance,
+                s.failure_tolerance,
+                1.5,
+                False,
+            )
+        else:
+            bounds = (
+                s.rows_initial,
+                s.rows_min,
+                s.rows_max,
+                s.success_tolerance,
+                s.failure_tolerance,
+                2.0,
+                True,
+            )
+        self._rule = TrustRegionRule(*bounds)
+        self.region = TrustRegion(self._rule.initial)
+        self._metric: Metric | None = None
+
+    def propose(self, n: int) -> Proposal:
+        """A probe in the first round, then ascents; on a finite set, rows of the trust region."""
+        if self.problem.candidates is not None:
+            return self._choose_rows(n)
+        centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
+        if self.round == 0 and n > 1:
+            return self._believed(self._probe(centre, n), centre)
+        climbers = self._exploit(centre, n)
+        explorers = self._explore(centre, n - len(climbers))
+        return self._believed(np.concatenate([climbers, explorers]), centre)
+
+    def finish_round(self, trials: Trials) -> None:
+        """A round succeeds when it improves on the best feasible objective."""
+        before = self._ledger.best_row(self.feasible & ~np.isin(self.trials.id, trials.id))
+        feasible = self.feasible[trials.id]
+        improved = feasible.any() and (
+            before is None or trials.objective[feasible].max() > self.trials.objective[before]
+        )
+        self.region = safe_update(self.region, bool(improved), self._rule)
+
+    # --- continuous space
+
+    def _probe(self, centre: FloatArray, n: int) -> FloatArray:
+        """Points around the centre at radii spread evenly over orders of magnitude."""
+        radii = np.geomspace(self.settings.probe_min, self.settings.probe_max, n)
+        return self._around(centre, radii * self.surrogate.objective.hyper.reference)
+
+    def _exploit(self, centre: FloatArray, n: int) -> FloatArray:
+        """Ascents of the posterior mean at several radii."""
+        count = int(self.settings.exploit * n + self.rng.random())  # in the mean, the share of the batch
+        spread = np.linspace(0.5, 1.5, count) if count > 1 else np.ones(count)
+        return self._climb(
+            self._mean_value, centre, spread * self.region.length * self.surrogate.length_scale
+        )
+
+    def _explore(self, centre: FloatArray, n: int) -> FloatArray:
+        """Ascents of independent sample paths."""
+        if n == 0:
+            return np.empty((0, len(centre)))
+        paths = SamplePaths(self.surrogate.objective, n, self.rng)
+        radius = self.settings.explore_radius * self.surrogate.length_scale
+        return self._climb(paths.value_and_gradient, centre, np.full(n, radius))
+
+    def _mean_value(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        mean, _, gradient, _ = self.surrogate.objective.predict_with_gradient(inputs)
+        return mean, gradient
+
+    def _climb(self, value: Any, centre: FloatArray, radius: FloatArray) -> FloatArray:
+        start = self._around(centre, 0.02 * radius)
+        points, _ = ascend(
+            value,
+            lambda inputs: self.surrogate.slack_with_gradient(inputs, self.settings.confidence),
+            start,
+            centre,
+            radius,
+            self.metric,
+            self.settings.steps,
+        )
+        return points
+
+    def _around(self, centre: FloatArray, radius: FloatArray) -> FloatArray:
+        """(k, d) points at the (k,) radii from the centre in random directions, cut to the cube."""
+        direction = self.metric.normalised(self.rng.standard_normal((len(radius), len(centre))))
+        return np.clip(centre + radius[:, None] * direction, 0.0, 1.0)
+
+    def _believed(self, points: FloatArray, centre: FloatArray) -> Proposal:
+        """The points that are believed safe; for each other one, a believed point close to the centre."""
+        n = len(points)
+        reach = self.settings.explore_radius * self.surrogate.length_scale
+        cloud = self._around(centre, reach * np.geomspace(1e-3, 1.0, _CLOUD))
+        candidates = np.concatenate([points, cloud])
+        inputs = self.metric.inputs(candidates)
+        safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
+        chosen = complete_batch(
+            np.flatnonzero(safe)[:n], n, inputs, self.surrogate, self.settings.empty_safe_set
+        )
+        return Proposal(
+            candidates[chosen], trust_region_length=self.region.length, marked_unsafe=~safe[chosen]
+        )
+
+    @property
+    def metric(self) -> Metric:
+        """From the unit cube to kernel inputs: the code's own metric, or the features of what it decodes to.
+
+        Raises:
+            ProblemError: features of decoded codes are no affine function of the codes.
+        """
+        if self._metric is None:
+            d = self.space.dimension
+            if self.problem.features is None:
+                self._metric = Metric(self.space.metric, np.zeros(d))
+            else:
+                corners = self._features(np.concatenate([np.zeros((1, d)), np.eye(d)]))
+                self._metric = Metric((corners[1:] - corners[0]).T, corners[0])
+                self._require_affine(self._metric)
+        return self._metric
+
+    def _features(self, u: FloatArray) -> FloatArray:
+        z = self.space.to_code(u)
+        x = z if self.embedding is None else np.asarray(self.embedding.decode(z), float)
+        assert self.problem.features is not None
+        return np.asarray(self.problem.features(x), float)
+
+    def _require_affine(self, metric: Metric) -> None:
+        u = np.random.default_rng(0).random((4, self.space.dimension))
+        error = np.abs(metric.inputs(u) - self._features(u)).max()
+        size = np.abs(metric.matrix).max()
+        if error > _AFFINE_TOLERANCE * max(size, 1e-300):
+            raise ProblemError(
+                f"features of {self.problem.name!r} differ by {error:.3g} from an affine function of the "
+                f"codes with coefficients up to {size:.3g}; expected an affine map and a linear embedding"
+            )
+
+    # --- finite candidate set
+
+    def _choose_rows(self, n: int) -> Proposal:
+        """Thompson sampling over the believed safe rows of the trust region and some from elsewhere."""
+        features = self.problem.candidates.features  # type: ignore[union-attr]
+        free = np.ones(len(features), bool)
+        free[self.taken] = False
+        left = np.flatnonzero(free)
+        centre = self.kernel_inputs(self.trials[[self.centre_row()]])
+        rows = self._rows_near(features, left, centre)
+        elsewhere = self.rng.choice(left, min(self.settings.rows_elsewhere, len(left)), replace=False)
+        rows = np.union1d(rows, elsewhere)
+        inputs = features[rows]
+        safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
+        chosen = np.flatnonzero(safe)
+        if len(chosen) > n:
+            chosen = chosen[thompson_sample(self.surrogate.objective, inputs[chosen], n, self.rng)]
+        chosen = complete_batch(chosen, n, inputs, self.surrogate, self.settings.empty_safe_set)
+        return Proposal(
+            rows=rows[chosen], trust_region_length=self.region.length, marked_unsafe=~safe[chosen]
+        )
+
+    def _rows_near(self, features: FloatArray, left: IntArray, centre: FloatArray) -> IntArray:
+        """The trust region: the rows nearest to the centre, thinned at random to the initial number."""
+        size = min(int(self.region.length), len(left))
+        distance = fast_distances(centre, features[left])[0]
+        near = left[np.argpartition(distance, size - 1)[:size]]
+        if size > self.settings.rows_initial:
+            near = self.rng.choice(near, self.settings.rows_initial, replace=False)
+        return near
+
+    def kernel_inputs(self, trials: Trials) -> FloatArray:
+        """Features of the candidates, the problem's features of the inputs, or the code's own metric."""
+        candidates = self.problem.candidates
+        if candidates is None:
+            if self.problem.features is None:
+                return super().kernel_inputs(trials)
+            return np.asarray(self.problem.features(trials.x), float)
+        rows = trials.candidate.copy()
+        foreign = rows < 0  # inputs outside the set count as their nearest row
+        if foreign.any():
+            rows[foreign] = np.concatenate([candidates.nearest(x[None], _NONE) for x in trials.x[foreign]])
+        return candidates.features[rows]
+
+    def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Length and counters of the trust region."""
+        return asdict(self.region), {}
+
+    def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        """Take back what `method_state` gave."""
+        self.region = TrustRegion(**state)
