@@ -6,6 +6,8 @@ restoring both.
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -14,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hdsafebo.campaign import run_spec
 from hdsafebo.campaign.run_spec import RunSpec
 from hdsafebo.campaign.runner import RunResult, run
 from hdsafebo.errors import NoSafePointError
@@ -93,6 +96,9 @@ class Lonely(Toy):
     name = "lonely"
     uses_initial_data = False
 
+    def __init__(self, problem: Problem, **options: Any) -> None:
+        super().__init__(problem, **(options | {"bounds": [[-1.0] * 3, [1.0] * 3]}))
+
 
 def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) -> tasks.Task:
     """The toy task; `length_scale` stands for the seconds of an evaluation."""
@@ -101,7 +107,8 @@ def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) 
 
 
 def install() -> None:
-    """Make the toys known in this process."""
+    """Make the toys known in this process, and its code stand still while it is worked on."""
+    run_spec._code_digest = lambda: "the code under test"
     tasks._FAMILIES["synthetic"] = __name__
     sys.modules["hdsafebo.optimizers.toys"] = sys.modules[__name__]
     methods.METHODS["toy"] = methods.Method("toys", "Toy")
@@ -147,3 +154,19 @@ def toy_spec(root: Path, *, method: str = "toy", seed: int = 7, **changes: Any) 
         (root / "data" / "input.txt").write_text("read by the task")
     (root / "progress").mkdir(exist_ok=True)
     return RunSpec("synthetic", method, seed, toy_params(**changes), str(root), str(root / "progress"))
+
+
+def run_toy_and_die_once(spec: RunSpec) -> RunResult:
+    """`run_toy`, killing its process in mid-run the first time that a file asks for it."""
+    install()
+    marker = Path(spec.root) / "kill-me"
+    evaluate = Memory.evaluate
+
+    def evaluate_or_die(self: Memory, trials: Trials) -> Evaluation:
+        if self.evaluated > 30 and marker.exists():
+            marker.unlink()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return evaluate(self, trials)
+
+    Memory.evaluate = evaluate_or_die  # type: ignore[method-assign]
+    return run(spec)

@@ -15,7 +15,7 @@ import hashlib
 import math
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -188,28 +188,28 @@ class RunJournal:
                 path.unlink()
 
 
-def _to_plain(rows: Rows) -> dict[str, object]:
-    """JSON-able columns: NaN as null, codes in base64; floats keep every bit in decimal."""
-    plain: dict[str, object] = {}
+def _to_plain(rows: Rows) -> list[dict[str, object]]:
+    """Columns in their order: NaN as null, codes in base64; floats keep every bit in decimal."""
+    plain: list[dict[str, object]] = []
     for name, column in rows.items():
+        values: object
         if name == "z":
-            code = np.ascontiguousarray(column, "<f4")
-            plain[name] = {"shape": list(code.shape), "float32": base64.b64encode(code.tobytes()).decode()}
+            values = base64.b64encode(np.ascontiguousarray(column, "<f4").tobytes()).decode()
         elif column.dtype.kind == "f":
-            plain[name] = [None if math.isnan(v) else v for v in column.tolist()]
+            values = [None if math.isnan(v) else v for v in column.tolist()]
         else:
-            plain[name] = {"type": column.dtype.str, "values": column.tolist()}
+            values = column.tolist()
+        plain.append({"name": name, "type": column.dtype.str, "shape": list(column.shape), "values": values})
     return plain
 
 
-def _from_plain(plain: Mapping[str, Any]) -> Rows:
+def _from_plain(plain: Sequence[Mapping[str, Any]]) -> Rows:
     rows: Rows = {}
-    for name, column in plain.items():
-        if name == "z":
-            code = np.frombuffer(base64.b64decode(column["float32"]), "<f4")
-            rows[name] = code.reshape(column["shape"])
-        elif isinstance(column, list):
-            rows[name] = np.array([math.nan if v is None else v for v in column])
+    for column in plain:
+        values = column["values"]
+        if column["name"] == "z":
+            array = np.frombuffer(base64.b64decode(values), "<f4")
         else:
-            rows[name] = np.array(column["values"], column["type"])
+            array = np.array([math.nan if v is None else v for v in values], column["type"])
+        rows[column["name"]] = array.reshape(column["shape"])
     return rows

@@ -104,7 +104,9 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
     for name in inputs:
         path = Path(spec.root) / name
         if not path.is_file():
-            raise ParamsError(f"task {spec.task!r} needs {path}, is missing: run the stage that writes it")
+            raise ParamsError(
+                f"task {spec.task!r} needs {path}, which is missing: run the stage that writes it"
+            )
         files[name] = digest_file(path)
     return {
         "task": spec.task,
