@@ -311,7 +311,19 @@ class Tracking(Block):
 
 
 class Report(Block):
-    """The report."""
+    """How the report states uncertainty.
+
+    Attributes:
+        confidence: of bootstrap and binomial intervals.
+        bootstrap_samples: per interval.
+        calibration_bins: bins of the predicted safe probability.
+        seed: of the bootstrap.
+    """
+
+    confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
+    bootstrap_samples: Annotated[int, Field(ge=100)] = 4000
+    calibration_bins: Annotated[int, Field(ge=2, le=50)] = 10
+    seed: Annotated[int, Field(ge=0)] = 0
 
 
 class Params(Block):
