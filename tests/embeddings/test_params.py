@@ -1,0 +1,31 @@
+"""The blocks of the parameters: bad settings are refused when they are read."""
+
+import pytest
+from pydantic import ValidationError
+
+from hdsafebo.params import Embeddings, Isometry
+
+
+def test_defaults_are_valid() -> None:
+    assert "residual" in Embeddings().models
+    assert Isometry().points == 10_000
+
+
+@pytest.mark.parametrize(
+    ("models", "message"),
+    [
+        ({"umap": {}}, "unknown embedding 'umap'; valid names"),
+        ({"pca": {"latent": 3}}, "unknown setting 'latent'; valid settings: latent_dim"),
+        ({"irvae": {"epochs": 0}}, "setting 'epochs': .*got 0"),
+        ({"irvae": {"learning_rate": float("nan")}}, "learning_rate"),
+    ],
+)
+def test_bad_models(models: dict[str, dict[str, object]], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        Embeddings(models=models)
+
+
+@pytest.mark.parametrize("floors", [{"pca": {"distance_corelation": 0.9}}, {"pca": {"round_trip": 1.1}}])
+def test_bad_floors(floors: dict[str, dict[str, float]]) -> None:
+    with pytest.raises(ValidationError):
+        Isometry(floors=floors)
