@@ -41,7 +41,13 @@ def write_everything(root: Path, *, seeds_divided_by: int = 1) -> None:
         )  # fmt: skip
 
     for method in (*QUALITY, *ORIGINAL):
-        runs("synthetic", method, 100 if method in ("hdsafebo", "hdsafebo_local", "sobol") else 20, (200, 500, 10), thresholds=[-0.75])
+        runs(
+            "synthetic",
+            method,
+            100 if method in ("hdsafebo", "hdsafebo_local", "sobol") else 20,
+            (200, 500, 10),
+            thresholds=[-0.75],
+        )
     for method in (*QUALITY, *ORIGINAL, *ABLATIONS, "local_random"):
         runs("hand", method, 5, (200, 1000, 10))
     for task in ("scs_st", "scs_ga", "scs_il"):
@@ -55,19 +61,39 @@ def write_everything(root: Path, *, seeds_divided_by: int = 1) -> None:
 
 def write_inputs(root: Path, rng: np.random.Generator) -> None:
     """Everything besides run files."""
-    check = {"distance_correlation": 0.97, "gp_mean_difference": 1.3, "gp_variance_difference": 3.0, "round_trip": 0.5}
+    check = {
+        "distance_correlation": 0.97,
+        "gp_mean_difference": 1.3,
+        "gp_variance_difference": 3.0,
+        "round_trip": 0.5,
+    }
     worse = check | {"distance_correlation": 0.89, "gp_mean_difference": 2.2, "gp_variance_difference": 4.6}
     for name in ("reports", "models/synergies", "data/rollouts", "data/spinal"):
         (root / name).mkdir(parents=True, exist_ok=True)
     (root / "reports/isometry.json").write_text(json.dumps({"irvae": check, "vae": worse, "residual": check}))
     x = rng.gamma(4, 1, 3000)
-    pairs = [pd.DataFrame({"embedding": n, "original": x, "latent": 2 * x + rng.normal(0, s, 3000)}) for n, s in (("irvae", 0.8), ("vae", 2.0))]
-    pd.concat(pairs).to_parquet(root / "reports/pairwise_distances.parquet")
-    (root / "models/synergies/pca.json").write_text(json.dumps({"variance_accounted_for": (1 - 0.7 ** np.arange(1, 11)).tolist()}))
+    pairs = {name: 2 * x + rng.normal(0, spread, 3000) for name, spread in (("irvae", 0.8), ("vae", 2.0))}
+    pd.DataFrame({"original": x} | pairs).to_parquet(root / "reports/isometry_pairs.parquet")
+    (root / "models/synergies/pca.json").write_text(
+        json.dumps({"variance_accounted_for": (1 - 0.7 ** np.arange(1, 11)).tolist()})
+    )
     steps = np.arange(0, 20_000, 120)
-    curve = pd.DataFrame({"setting": "full", "step": steps, "total_reward": rng.normal(-500 + steps / 30, 80), "dropped": False})
+    curve = pd.DataFrame(
+        {
+            "setting": "full",
+            "step": steps,
+            "total_reward": rng.normal(-500 + steps / 30, 80),
+            "dropped": False,
+        }
+    )
     curve.to_parquet(root / "data/rollouts/learning_curve.parquet")
     g = rng.uniform(-0.4, 0.5, 218_000)
     muscles = ("IL", "VL&RF", "TA", "BF&GM", "ST", "GA")
-    si = {f"si_{m}_{side}": rng.normal(0, 0.15, 218_000).clip(-1, 1) for m in muscles for side in ("left", "right")}
-    pd.DataFrame({"current": 1.0, "g": g} | si).astype(np.float32).to_parquet(root / "data/spinal/stimulation.parquet")
+    si = {
+        f"si_{m}_{side}": rng.normal(0, 0.15, 218_000).clip(-1, 1)
+        for m in muscles
+        for side in ("left", "right")
+    }
+    pd.DataFrame({"current": 1.0, "g": g} | si).astype(np.float32).to_parquet(
+        root / "data/spinal/stimulation.parquet"
+    )

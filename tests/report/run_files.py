@@ -109,13 +109,22 @@ def random_runs(
         share = np.clip((np.arange(n_trials) - n_initial) / (n_trials - n_initial), 0, 1)
         objective = rng.normal(0, 0.4, n_trials) + gain * (1 - np.exp(-3 * share)) * rng.uniform(0.85, 1.15)
         probability = np.clip(rng.beta(8 * safe_share, 8 * (1 - safe_share), n_trials), 0.001, 0.999)
-        g = np.where(rng.uniform(size=n_trials) < probability, 1.0, -1.0) * np.abs(rng.normal(0.3, 0.2, n_trials))
+        g = np.where(rng.uniform(size=n_trials) < probability, 1.0, -1.0) * np.abs(
+            rng.normal(0.3, 0.2, n_trials)
+        )
         seconds = float(np.exp(rng.normal(-1 + gain / 3, 0.1)))
         known = probability if metadata.get("beta") is not None else np.nan
         bound = 0.05 if metadata.get("beta") is not None else np.nan
         tables.append(
             trial_table(
-                seed, objective, g, n_initial=n_initial, batch=batch, seconds=seconds, probability=known, bound=bound
+                seed,
+                objective,
+                g,
+                n_initial=n_initial,
+                batch=batch,
+                seconds=seconds,
+                probability=known,
+                bound=bound,
             )
         )
     return write_run(root, task, method, tables, n_initial=n_initial, batch=batch, **metadata)

@@ -19,7 +19,7 @@ from hdsafebo.errors import DatasetError
 M = TypeVar("M", bound=BaseModel)
 
 ISOMETRY = "reports/isometry.json"
-DISTANCES = "reports/pairwise_distances.parquet"
+DISTANCES = "reports/isometry_pairs.parquet"
 SYNERGIES = "models/synergies/pca.json"
 LEARNING = "data/rollouts/learning_curve.parquet"
 STIMULATION = "data/spinal/stimulation.parquet"
@@ -38,6 +38,7 @@ class Isometry(BaseModel):
     gp_variance_difference: float
     round_trip: float | None = None
     round_trip_held_out: float | None = None
+    round_trip_held_out_currents: float | None = None
     reconstruction_mse: float | None = None
     condition_number: float | None = None
 
@@ -107,8 +108,13 @@ def read_isometry(root: Path) -> dict[str, Isometry] | None:
 
 def read_distances(root: Path) -> dict[str, pd.DataFrame] | None:
     """Sampled pairwise distances by embedding: columns `original` and `latent`."""
-    frame = _parquet(root / DISTANCES, ["embedding", "original", "latent"])
-    return None if frame is None else {str(name): group for name, group in frame.groupby("embedding")}
+    path = root / DISTANCES
+    if not path.exists():
+        return None
+    names = [name for name in _schema(path) if name != "original"]
+    frame = _parquet(path, ["original", *names])
+    assert frame is not None
+    return {name: frame[["original", name]].set_axis(["original", "latent"], axis=1) for name in names}
 
 
 def read_variance(root: Path) -> pd.DataFrame | None:

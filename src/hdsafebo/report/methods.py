@@ -33,14 +33,14 @@ class MethodStyle:
 
 
 FAMILIES = {
-    "ours": "This project's methods",
-    "local": "Local and line search",
-    "global": "Global constrained BO",
-    "free": "No model",
-    "embedding": "Random embeddings, no constraint",
-    "original": "Original space (O)",
-    "ablation": "Ablations",
-    "other": "Other",
+    "ours": "this project's methods",
+    "local": "local and line search",
+    "global": "global constrained BO",
+    "free": "no model",
+    "embedding": "no constraint",
+    "original": "original space (O)",
+    "ablation": "ablations",
+    "other": "other methods",
 }
 
 _DASHED, _DOTTED, _DASHDOT = (0, (5, 2)), (0, (1, 1.5)), (0, (5, 1.5, 1, 1.5))
@@ -62,7 +62,7 @@ _METHODS = {
     "hesbo": MethodStyle("HesBO", "embedding", BLUE, "^", "dashed", needs_threshold=False),
     "baxus": MethodStyle("BAxUS", "embedding", PURPLE, "v", "dotted", needs_threshold=False),
     "hdsafebo_global": MethodStyle("no local search", "ablation", BLUE, "^", "dashed"),
-    "hdsafebo_pessimistic": MethodStyle("no optimism (lower bound)", "ablation", GREEN, "D", "dashdot"),
+    "hdsafebo_pessimistic": MethodStyle("no optimism", "ablation", GREEN, "D", "dashdot"),
 }
 _ORIGINAL_LINES = {
     "linebo": (BLUE, "^", "dashed"),

@@ -37,7 +37,10 @@ def summary(results: Results, inputs: Inputs, *, profile: str, git_revision: str
         if inputs.traversal is not None:
             found["traversal"] |= inputs.traversal.model_dump()
     if inputs.isometry is not None:
-        found["isometry"] = {name: check.model_dump() for name, check in inputs.isometry.items()}
+        found["isometry"] = {
+            name: {key: None if value is None else _known(value) for key, value in check.model_dump().items()}
+            for name, check in inputs.isometry.items()
+        }
     return found
 
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from hdsafebo.report.claims.base import STATUS_LABELS, Claim, Status
-from hdsafebo.report.figures.panels import Figure, Picture, save
+from hdsafebo.report.figures.drawing import Picture, save
+from hdsafebo.report.figures.panels import Figure
 from hdsafebo.report.inputs import Frame
 from hdsafebo.report.methods import DASHES, MethodStyle, style
 from hdsafebo.report.sections.base import Details, Section, Text

@@ -101,11 +101,13 @@ def paper_value(task: str, method: str, metric: str) -> PaperValue | None:
         return PaperValue(*_DIGITS[method][("objective", "violation").index(metric)], "std", "appendix C.6")
     if task in _STIMULATION and metric == "objective" and method in _STIMULATION[task]:
         return PaperValue(*_STIMULATION[task][method], "std", "appendix C.5")
-    if task.startswith("scs_") and metric == "seconds_per_round" and method in _SECONDS_PER_ROUND:
+    if task in _STIMULATION and metric == "seconds_per_round" and method in _SECONDS_PER_ROUND:
         return PaperValue(*_SECONDS_PER_ROUND[method], "std", "appendix C.7")
     return None
 
 
 def paper_size(task: str) -> PaperSize | None:
-    """The paper's sizes for a task."""
+    """The paper's sizes for a task; None when it has no such task."""
+    if task.startswith("scs_"):
+        return SIZES["scs"] if task in _STIMULATION else None
     return SIZES.get(task.split("_")[0])

@@ -30,7 +30,7 @@ class Settings:
     """
 
     confidence: float = 0.95
-    bootstrap_samples: int = 10_000
+    bootstrap_samples: int = 4_000
     calibration_bins: int = 10
     seed: int = 0
 
@@ -84,6 +84,10 @@ class Results:
         return {key: per_seed(run) for key, run in self.runs.items()}
 
     @cached_property
+    def _comparisons(self) -> dict[str, Comparison]:
+        return {}
+
+    @cached_property
     def _series(self) -> dict[tuple[str, str], Series]:
         return {key: per_round(run) for key, run in self.runs.items()}
 
@@ -113,12 +117,17 @@ class Results:
 
     def compare(self, task: str, a: str, b: str, metric: str) -> Comparison:
         """Is method a better than method b? Paired over common units."""
-        return self.compare_values(
-            f"{task}/{a}/{b}/{metric}",
-            self.metrics(task, a)[metric],
-            self.metrics(task, b)[metric],
-            higher_is_better=HIGHER_IS_BETTER[metric],
-        )
+        if a > b:  # one bootstrap serves both directions
+            return self.compare(task, b, a, metric).reversed()
+        key = f"{task}/{a}/{b}/{metric}"
+        if key not in self._comparisons:
+            self._comparisons[key] = self.compare_values(
+                key,
+                self.metrics(task, a)[metric],
+                self.metrics(task, b)[metric],
+                higher_is_better=HIGHER_IS_BETTER[metric],
+            )
+        return self._comparisons[key]
 
     def compare_values(self, key: str, a: pd.Series, b: pd.Series, *, higher_is_better: bool) -> Comparison:
         """Paired comparison of any two columns; `key` seeds its bootstrap, whatever the order of calls."""

@@ -50,6 +50,10 @@ class Comparison:
     interval: tuple[float, float]
     p_value: float
 
+    def reversed(self) -> Comparison:
+        """b compared with a."""
+        return Comparison(self.pairs, -self.difference, (-self.interval[1], -self.interval[0]), self.p_value)
+
     @property
     def significant(self) -> bool:
         """Whether test and interval both exclude equality, with pairs enough for the test to be able to."""

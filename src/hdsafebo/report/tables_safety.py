@@ -85,3 +85,26 @@ def calibration_table(
         "mean observed violation."
     )
     return Table(f"safety_{task}", caption, columns, rows, pd.DataFrame(records))
+
+
+def bin_table(task: str, calibrations: dict[str, Calibration]) -> Table:
+    """Predicted and observed safety by bin of the prediction."""
+    rows, frames = [], []
+    for method, calibration in calibrations.items():
+        frames.append(calibration.bins.assign(task=task, method=method))
+        for b in calibration.bins.to_dict("records"):
+            limits = f"{number(b['observed_low'])} to {number(b['observed_high'])}"
+            rows.append(
+                [
+                    Cell(style(method).label),
+                    Cell(f"{b['low']:.2g} to {b['high']:.2g}"),
+                    Cell(str(b["trials"])),
+                    Cell(number(b["predicted"])),
+                    Cell(number(b["observed"]), limits),
+                ]
+            )
+    caption = (
+        "Mean prediction and observed safe share of the trials in each bin, with exact binomial intervals."
+    )
+    columns = ["Method", "Bin", "Trials", "Predicted", "Observed"]
+    return Table(f"calibration_{task}", caption, columns, rows, pd.concat(frames))

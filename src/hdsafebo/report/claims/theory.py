@@ -22,7 +22,7 @@ def theory_claims(results: Results) -> list[Claim]:
             continue
         safe = results.estimate(task, "hdsafebo", "safety")
         low = safe.mean - (2 * safe.se if np.isfinite(safe.se) else 0.0)
-        vacuous = " (vacuous: a fair coin promises more)" if alpha < 0.5 else ""
+        vacuous = " (vacuous)" if alpha < 0.5 else ""
         guarantee.append(
             Verdict(
                 grade(low >= alpha, safe.mean >= alpha),

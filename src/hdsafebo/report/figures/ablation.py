@@ -56,19 +56,32 @@ def seconds_figure(results: Results, tasks: list[str]) -> Figure:
 def _seconds_panel(results: Results, task: str) -> Panel:
     methods = results.methods(task)
     values = [results.estimate(task, m, "seconds_per_round") for m in methods]
+    paper = [paper_value(task, m, "seconds_per_round") for m in methods]
 
     def draw(ax: Any) -> None:
         ax.set_xscale("log")
-        for y, (method, value) in enumerate(zip(methods, values, strict=True)):
-            paper = paper_value(task, method, "seconds_per_round")
-            if paper is not None:
-                ax.plot(paper.value, y + 0.2, "D", color="#777777", markerfacecolor="white", markersize=4.5)
+        for y, (method, value, theirs) in enumerate(zip(methods, values, paper, strict=True)):
+            if theirs is not None:
+                ax.plot(theirs.value, y + 0.2, "D", color="#777777", markerfacecolor="white", markersize=4.5)
             if value.runs and value.mean > 0:
                 ax.plot(value.mean, y - 0.1, style(method).marker, color=style(method).colour, markersize=5.5)
         ax.set_yticks(range(len(methods)), [style(m).label for m in methods])
         ax.set_ylim(len(methods) - 0.4, -0.6)
-        ax.set_title(f"{task_label(task)}: seconds per round", loc="left")
+        seconds = [v.mean for v in values if v.runs and v.mean > 0] + [
+            p.value for p in paper if p is not None
+        ]
+        if seconds:
+            ax.set_xlim(
+                10 ** np.floor(np.log10(0.9 * min(seconds))), 10 ** np.ceil(np.log10(1.1 * max(seconds)))
+            )
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_minor_formatter("")
+        ax.set_xlabel("seconds per round")
+        ax.set_title(task_label(task), loc="left")
 
     return Panel(
-        f"{task_label(task)}: seconds per round of each method", draw, inches=(3.7, 1.0 + 0.24 * len(methods))
+        f"{task_label(task)}: seconds per round of each method",
+        draw,
+        inches=(3.7, 0.9 + 0.24 * len(methods)),
+        left=1.75,
     )

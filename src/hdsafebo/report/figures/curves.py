@@ -23,11 +23,12 @@ Y_LABELS = {
 def curve_figures(results: Results, task: str, methods: list[str]) -> list[Figure]:
     """One figure per family of baselines, this project's methods in each: three metrics over trials."""
     limits = {metric: _limits(results, task, methods, metric) for metric in METRICS}
+    known = "" if results.optimum(task) is None else " Dashed: the best safe value of the whole set."
     figures = []
     for family, names in by_family(methods).items():
         row = [_curve_panel(results, task, names, metric, limits[metric]) for metric in METRICS]
         caption = (
-            f"{task_label(task)}: {FAMILIES[family].lower()}. Mean over runs; bands are one standard error."
+            f"{task_label(task)}: {FAMILIES[family]}. Mean over runs; bands are one standard error.{known}"
         )
         figures.append(Figure(f"curves_{task}_{family}", caption, [row], [style(m) for m in names]))
     return figures
@@ -132,5 +133,8 @@ def _final_panel(results: Results, task: str, methods: list[str], metric: str) -
         ax.set_title(f"{METRIC_LABELS[metric]} {'↓' if metric == 'violation' else '↑'}", loc="left")
 
     return Panel(
-        f"{task_label(task)}: final {metric} of each method", draw, inches=(3.7, 1.0 + 0.24 * len(methods))
+        f"{task_label(task)}: final {metric} of each method",
+        draw,
+        inches=(3.7, 0.9 + 0.24 * len(methods)),
+        left=1.75,
     )

@@ -13,10 +13,10 @@ from hdsafebo.report.inputs import Inputs, Isometry
 from hdsafebo.report.methods import style, task_label
 from hdsafebo.report.paper import ISOMETRY, ISOMETRY_SOURCE
 from hdsafebo.report.results import Results
-from hdsafebo.report.sections.base import Block, Section, Text, not_run
+from hdsafebo.report.sections.base import Block, Details, Section, Text, not_run
 from hdsafebo.report.statistics import MIN_PAIRS
 from hdsafebo.report.tables import Cell, Table
-from hdsafebo.report.tables_safety import calibration_table
+from hdsafebo.report.tables_safety import bin_table, calibration_table
 from hdsafebo.report.tables_speed import seconds_table
 
 _ISOMETRY_COLUMNS = {
@@ -24,7 +24,8 @@ _ISOMETRY_COLUMNS = {
     "gp_mean_difference": "GP mean difference ↓",
     "gp_variance_difference": "GP variance difference ↓",
     "round_trip": "Same configuration after decode(encode) ↑",
-    "round_trip_held_out": "The same, held out ↑",
+    "round_trip_held_out": "The same, configurations held out ↑",
+    "round_trip_held_out_currents": "The same, currents held out ↑",
     "reconstruction_mse": "Reconstruction error ↓",
     "condition_number": "Condition number ↓",
 }
@@ -95,8 +96,10 @@ def safety_section(results: Results) -> Section:
             for m, c in calibrations.items()
             if style(m).family == "ours"
         ]
-        blocks.append(calibration_figure(task, calibrations))
+        shown = {m: c for m, c in calibrations.items() if style(m).family != "ablation"}
+        blocks += [calibration_figure(task, shown)] if shown else []
         blocks.append(calibration_table(task, calibrations, results, guarantees))
+        blocks.append(Details("Bins of predicted safe probability", bin_table(task, calibrations)))
     if not found:
         blocks.append(not_run("Methods that predict safety"))
     return Section("safety", "Safety: predicted, guaranteed, observed", "Proposition 1, Theorem 1", blocks)

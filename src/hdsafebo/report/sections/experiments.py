@@ -24,6 +24,7 @@ from hdsafebo.report.sections.findings import (
     leader_findings,
     paper_findings,
     ratio_finding,
+    regret_finding,
     size_sentence,
 )
 from hdsafebo.report.tables import comparison_table, metrics_table
@@ -162,7 +163,7 @@ def _regret_blocks(results: Results, task: str) -> list[Block]:
         f"({number(optimum)}), "
         "and the median number of trials, initial ones included, until 95 % of it."
     )
-    return [regret_table(task, shares, optimum, caption)]
+    return [regret_finding(task, shares), regret_table(task, shares, optimum, caption)]
 
 
 def digits_section(results: Results) -> Section:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+import pandas as pd
 from scipy.stats import norm
 
-from hdsafebo.report.formatting import number, paper_text, with_error
+from hdsafebo.report.formatting import number, with_error
 from hdsafebo.report.methods import style, task_label
 from hdsafebo.report.metrics import METRIC_LABELS
 from hdsafebo.report.paper import paper_size, paper_value
@@ -15,7 +16,7 @@ from hdsafebo.report.sections.base import Text
 from hdsafebo.report.series import METRICS
 from hdsafebo.report.statistics import MIN_PAIRS
 
-FAIRLY_CLOSE = 2.0
+AGREEMENT = 2.0
 
 
 def size_sentence(results: Results, task: str, methods: list[str]) -> Text:
@@ -91,16 +92,12 @@ def paper_findings(results: Results, task: str) -> list[Text]:
         if not ours.runs or error == 0:
             continue
         apart = abs(ours.mean - theirs.value) / error
-        side = "above" if ours.mean > theirs.value else "below"
-        distance = (
-            "agrees within"
-            if apart <= FAIRLY_CLOSE
-            else f"lies {number(apart, 2)} combined standard errors {side}; agreement would be within"
-        )
         texts.append(
             Text(
-                f"HdSafeBO's {METRIC_LABELS[metric]} of {with_error(ours)} ({paper_text(theirs)}) "
-                f"{distance} {FAIRLY_CLOSE:g} combined standard errors.",
+                f"HdSafeBO's {METRIC_LABELS[metric]} here ({with_error(ours)}) and in the paper "
+                f"({theirs.value:g} ± {number(their_error, 2)}) are {number(apart, 2)} combined standard "
+                "errors "
+                f"apart: {'they agree' if apart <= AGREEMENT else 'they differ'}.",
                 "finding",
             )
         )
@@ -146,5 +143,26 @@ def ratio_finding(results: Results, task: str) -> Text | None:
     )
     return Text(
         f"{task_label(task)}: Violation as a share of the best baseline's ({style(best).label}): {shares}.",
+        "finding",
+    )
+
+
+def regret_finding(task: str, shares: dict[str, pd.DataFrame]) -> Text:
+    """Which methods come within 5 % of the best safe value, and after how many trials."""
+    medians = {
+        m: float(table["trials_to_95"].median())
+        for m, table in shares.items()
+        if table["trials_to_95"].notna().mean() > 0.5
+    }
+    if not medians:
+        return Text(
+            f"{task_label(task)}: no method reaches 95 % of the best safe value in most runs.", "finding"
+        )
+    each = ", ".join(
+        f"{style(m).label} {v:.0f}" for m, v in sorted(medians.items(), key=lambda item: item[1])
+    )
+    return Text(
+        f"{task_label(task)}: median trials until 95 % of the best safe value, where most runs reach it: "
+        f"{each}.",
         "finding",
     )
