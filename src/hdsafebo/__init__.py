@@ -1,3 +1,41 @@
 """Safe Bayesian optimisation for the control of high-dimensional embodied systems."""
 
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from hdsafebo.optimizers.hdsafebo import HdSafeBO
+    from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
+    from hdsafebo.optimizers.registry import make_optimizer
+    from hdsafebo.problem import Evaluation, FunctionProblem, Problem, Safety, Status, Trials
+
+__all__ = [
+    "Evaluation",
+    "FunctionProblem",
+    "HdSafeBO",
+    "HdSafeBOLocal",
+    "Problem",
+    "Safety",
+    "Status",
+    "Trials",
+    "make_optimizer",
+]
+
+_MODULES = {
+    "HdSafeBO": "hdsafebo.optimizers.hdsafebo",
+    "HdSafeBOLocal": "hdsafebo.optimizers.hdsafebo_local",
+    "make_optimizer": "hdsafebo.optimizers.registry",
+} | dict.fromkeys(
+    ("Evaluation", "FunctionProblem", "Problem", "Safety", "Status", "Trials"), "hdsafebo.problem"
+)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first used, so that importing the package stays quick."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_MODULES[name]), name)
