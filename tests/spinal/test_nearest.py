@@ -142,5 +142,7 @@ def test_bad_queries_are_refused(nearest: NearestMap) -> None:
         nearest.query(np.ones((1, 728)), [218_000])
     with pytest.raises(DatasetError, match="rows reach from -1 to 5, expected 0 to 217999"):
         nearest.maps([-1, 5])
+    with pytest.raises(DatasetError, match="dtype float64, expected row numbers or a mask"):
+        nearest.query(np.ones((1, 728)), [0.5])
     with pytest.raises(DatasetError, match="mask of 3 rows"):
         nearest.query(np.ones((1, 728)), np.ones(3, dtype=bool))

@@ -117,6 +117,8 @@ class NearestMap:
             if given.size != mask.size:
                 raise DatasetError(f"evaluated is a mask of {given.size} rows, expected {mask.size}")
             return given.reshape(mask.shape).copy()
+        if given.size and given.dtype.kind not in "iu":
+            raise DatasetError(f"evaluated has dtype {given.dtype}, expected row numbers or a mask")
         rows = given.astype(np.intp)
         self._check_rows(rows)
         mask.flat[rows] = True
