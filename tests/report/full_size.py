@@ -1,4 +1,4 @@
-"""Result files of the size of the largest profile, with random content: for the time limit and for looking at the page."""
+"""Result files of the size of the largest profile, with random content."""
 
 from __future__ import annotations
 
@@ -13,22 +13,38 @@ from report.run_files import random_runs
 
 BETA_METHODS = ("hdsafebo", "hdsafebo_local", "linebo", "config")
 QUALITY = {
-    "hdsafebo": (2.5, 0.85), "hdsafebo_local": (4.0, 0.97), "linebo": (1.0, 0.8), "scbo": (1.5, 0.7), "config": (0.8, 0.7),
-    "cei": (0.7, 0.7), "cei_prob": (0.7, 0.75), "cmaes": (0.6, 0.7), "sobol": (0.2, 0.6), "safeopt": (0.0, 0.9),
-}  # fmt: skip
+    "hdsafebo": (2.5, 0.85),
+    "hdsafebo_local": (4.0, 0.97),
+    "linebo": (1.0, 0.8),
+    "scbo": (1.5, 0.7),
+    "config": (0.8, 0.7),
+    "cei": (0.7, 0.7),
+    "cei_prob": (0.7, 0.75),
+    "cmaes": (0.6, 0.7),
+    "sobol": (0.2, 0.6),
+    "safeopt": (0.0, 0.9),
+}
 ORIGINAL = ("linebo_original", "scbo_original", "config_original", "cei_original", "cmaes_original")
 ABLATIONS = {
-    "hdsafebo_global": 1.0, "hdsafebo_pessimistic": 2.0, "hdsafebo_beta0": 2.4, "hdsafebo_beta4": 2.5, "hdsafebo_beta8": 2.4,
+    "hdsafebo_global": 1.0,
+    "hdsafebo_pessimistic": 2.0,
+    "hdsafebo_beta0": 2.4,
+    "hdsafebo_beta4": 2.5,
+    "hdsafebo_beta8": 2.4,
     "hdsafebo_beta16": 2.3,
-}  # fmt: skip
+}
 RANDOM_EMBEDDINGS = ("turbo", "hesbo", "baxus")
 
 
-def write_everything(root: Path, *, seeds_divided_by: int = 1) -> None:
-    """All tasks and methods, and every other input of the report."""
+def write_everything(
+    root: Path, *, seeds_divided_by: int = 1, only: tuple[tuple[str, ...], tuple[str, ...]] | None = None
+) -> None:
+    """Every input of the report; runs of all tasks and methods, or `only` of the tasks and methods named."""
     rng = np.random.default_rng(0)
 
     def runs(task: str, method: str, seeds: int, sizes: tuple[int, int, int], **metadata: object) -> None:
+        if only is not None and (task not in only[0] or method not in only[1]):
+            return
         base = method.removesuffix("_original")
         gain, share = QUALITY.get(base, (ABLATIONS.get(base, 1.2), 0.75))
         beta = 2.0 if base in BETA_METHODS or base in ABLATIONS else None
@@ -36,9 +52,20 @@ def write_everything(root: Path, *, seeds_divided_by: int = 1) -> None:
         n_initial, n_trials, batch = sizes
         space = "original" if method.endswith("_original") else "latent"
         random_runs(
-            root, task, method, seeds=max(1, seeds // seeds_divided_by), n_initial=n_initial, n_trials=n_trials, batch=batch,
-            gain=gain, safe_share=share, rng=rng, space=space, **extra, **metadata,
-        )  # fmt: skip
+            root,
+            task,
+            method,
+            seeds=max(1, seeds // seeds_divided_by),
+            n_initial=n_initial,
+            n_trials=n_trials,
+            batch=batch,
+            gain=gain,
+            safe_share=share,
+            rng=rng,
+            space=space,
+            **extra,
+            **metadata,
+        )
 
     for method in (*QUALITY, *ORIGINAL):
         runs(

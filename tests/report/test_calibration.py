@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report.run_files import trial_table, write_run
 
 from hdsafebo.report.calibration import calibrate
 from hdsafebo.report.regret import regret
 from hdsafebo.report.runs import read_run
 from hdsafebo.report.statistics import clopper_pearson
+from report.run_files import trial_table, write_run
 
 NAN = float("nan")
 
@@ -65,7 +65,9 @@ def test_regret(tmp_path: Path) -> None:
     np.testing.assert_allclose(table["share_300"], [299 / 499, 0.5])
     np.testing.assert_allclose(table["share_500"], [1.0, 0.5])
     assert table["share_1000"].isna().all(), "the runs end before"
-    assert table["trials_to_95"].iloc[0] == 480, "the first round whose last trial reaches 0.95, after 476 trials"
+    assert table["trials_to_95"].iloc[0] == 480, (
+        "the first round whose last trial reaches 0.95, after 476 trials"
+    )
     assert np.isnan(table["trials_to_95"].iloc[1])
 
 

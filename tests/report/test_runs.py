@@ -8,10 +8,10 @@ from pathlib import Path
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from report.run_files import trial_table, write_run
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.runs import read_run, read_runs
+from report.run_files import trial_table, write_run
 
 
 def one_run() -> pd.DataFrame:

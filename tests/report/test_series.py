@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report.run_files import trial_table, write_run
 
 from hdsafebo.report.metrics import early_violation, per_seed
 from hdsafebo.report.runs import RunFile, read_run
 from hdsafebo.report.series import per_round, pool
+from report.run_files import trial_table, write_run
 
 NAN = float("nan")
 
 
-@pytest.fixture()
+@pytest.fixture
 def run(tmp_path: Path) -> RunFile:
     """Seed 0: three rounds of two, one failed. Seed 1: ended after one round, never safe before it."""
     first = trial_table(

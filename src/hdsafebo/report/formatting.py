@@ -9,14 +9,15 @@ from hdsafebo.report.statistics import Comparison, Estimate
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number to so many significant digits, never in scientific notation between 0.001 and 10 million."""
+    """A number to so many significant digits, in scientific notation only below 0.0001."""
     if not math.isfinite(value):
         return "–"
     if value == 0:
         return "0"
+    value = float(f"{value:.{digits}g}")  # rounded first, so that 0.9999 has the magnitude of 1
     magnitude = math.floor(math.log10(abs(value)))
     if magnitude < -4:
-        return f"{value:.1e}"
+        return f"{value:.1e}".replace("-", "−")
     return f"{value:.{max(0, digits - 1 - magnitude)}f}".replace("-", "−")
 
 

@@ -1,0 +1,206 @@
+"""The whole report: exact summary, self-contained page, working links, same bytes every time."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hdsafebo.errors import DatasetError
+from hdsafebo.report.build import build_report
+from hdsafebo.report.results import Settings
+from report.full_size import write_everything
+from report.run_files import trial_table, write_run
+
+QUICK = Settings(bootstrap_samples=200)
+FIELD_MAP = (np.linspace(0, 1, 52 * 14).reshape(52, 14), "an example")
+
+
+def build(root: Path) -> dict:
+    return build_report(
+        root, profile="test", git_revision="abc", safety_threshold=0.05, settings=QUICK, field_map=FIELD_MAP
+    )
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two methods on the synthetic task, with known numbers, and a report of them."""
+    root = tmp_path_factory.mktemp("small")
+    for method, gain in (("hdsafebo", 2.0), ("sobol", 1.0)):
+        tables = []
+        for seed in range(8):
+            objective = [0.5, 0.0, gain + seed, 0.0]
+            safety = [0.0, 0.0, 0.0, -2.0 if method == "sobol" else 0.0]
+            tables.append(
+                trial_table(
+                    seed, objective, safety, n_initial=2, batch=1, threshold=-0.75, probability=0.9, bound=0.5
+                )
+            )
+        extra = {"beta": 2.0, "guaranteed_alpha": 0.0228} if method == "hdsafebo" else {}
+        write_run(root, "synthetic", method, tables, n_initial=2, batch=1, thresholds=[-0.75], **extra)
+    build(root)
+    return root
+
+
+def page(root: Path) -> str:
+    return (root / "reports/index.html").read_text(encoding="utf-8")
+
+
+def test_summary_is_exact(small: Path) -> None:
+    summary = json.loads((small / "reports/summary.json").read_text())
+    assert (summary["profile"], summary["git_revision"]) == ("test", "abc")
+    found = summary["synthetic"]["hdsafebo"]
+    assert found["objective"]["mean"] == pytest.approx(2 + 3.5)
+    assert found["objective"]["se"] == pytest.approx(np.std(range(8), ddof=1) / np.sqrt(8))
+    assert found["objective"]["runs"] == 8
+    assert found["safety"] == {"mean": 1.0, "se": 0.0, "runs": 8}
+    assert summary["synthetic"]["sobol"]["safety"]["mean"] == 0.5
+    assert summary["synthetic"]["sobol"]["violation"]["mean"] == pytest.approx(1.25)
+    assert found["seconds_per_round"]["mean"] == 0.5
+
+
+def test_tables_and_curves(small: Path) -> None:
+    table = pd.read_csv(small / "reports/tables/metrics_synthetic.csv").set_index("method")
+    assert table.loc["hdsafebo", "paper_objective"] == 3.96
+    assert bool(table.loc["hdsafebo", "objective_significantly_best"])
+    assert not bool(table.loc["hdsafebo", "seconds_per_round_significantly_best"]), (
+        "equal times: nobody is best"
+    )
+    curves = pd.read_csv(small / "reports/curves/synthetic.csv")
+    last = curves[curves["method"] == "sobol"].iloc[-1]
+    assert (last["trials"], last["best_safe_objective"], last["safety_ratio"]) == (4, 4.5, 0.5)
+    assert last["cumulative_violation"] == pytest.approx(1.25)
+
+
+def test_page_says_what_the_numbers_say(small: Path) -> None:
+    text = page(small)
+    assert "<b>5.50 ± 0.87</b><small>paper 3.96 ± 0.15</small>" in text
+    assert "Objective: HdSafeBO leads with 5.50 ± 0.87, significantly better than the other method" in text
+    assert "Its guarantee of 0.0228 is vacuous" in text
+    assert "below the paper&#39;s size" in text
+    assert "random search has Safety 0.773" in text
+    assert "Muscle synergies: not run in this profile." in text
+    assert "Musculoskeletal hand: not run in this profile." in text
+    assert "Clinical experiment: not run." in text
+
+
+def test_page_is_self_contained_and_its_links_work(small: Path) -> None:
+    text = page(small)
+    assert not re.search(r"""(?:src|href)=["']?(?:https?:)?//""", text)
+    assert "@import" not in text
+    assert not re.search(r"url\((?!#)", text)
+    targets = set(re.findall(r' id="([^"]+)"', text))
+    identifiers = re.findall(r' id="([^"]+)"', text)
+    assert len(identifiers) == len(targets), "identifiers are unique"
+    links = re.findall(r'href="([^"]+)"', text)
+    assert links
+    for link in links:
+        if link.startswith("#"):
+            assert link[1:] in targets, link
+        elif link.startswith("data:"):
+            assert link.startswith("data:image/png;base64,")
+        else:
+            assert (small / "reports" / link).exists(), link
+    for reference in re.findall(r"url\(#([^)]+)\)", text):
+        assert reference in targets
+
+
+def test_pictures_exist_in_both_formats(small: Path) -> None:
+    folder = small / "reports/figures"
+    vector, pixels = ({p.stem for p in folder.glob(f"*.{kind}")} for kind in ("svg", "png"))
+    assert vector == pixels
+    assert {"workflow", "final_synthetic", "curves_synthetic_free", "calibration_synthetic"} <= vector
+
+
+def test_same_files_same_bytes(small: Path) -> None:
+    def content() -> dict[str, bytes]:
+        return {str(p): p.read_bytes() for p in sorted((small / "reports").rglob("*")) if p.is_file()}
+
+    before = content()
+    build(small)
+    assert content() == before
+
+
+def test_nothing_was_run(tmp_path: Path) -> None:
+    summary = build_report(
+        tmp_path, profile="smoke", git_revision=None, safety_threshold=0.05, settings=QUICK
+    )
+    assert summary == {"profile": "smoke", "git_revision": None}
+    text = page(tmp_path)
+    for what in (
+        "No optimisation runs",
+        "Isometry check",
+        "Synthetic functions",
+        "Stimulation, ST",
+        "Run times",
+    ):
+        assert f"{what}: not run in this profile." in text
+
+
+def test_every_experiment_at_a_small_size(tmp_path: Path) -> None:
+    tasks = ("hand", "scs_st", "digits_0", "digits_1")
+    methods = ("hdsafebo", "sobol", "hdsafebo_global", "hdsafebo_beta0", "hdsafebo_beta4")
+    write_everything(tmp_path, seeds_divided_by=10, only=(tasks, methods))
+    build(tmp_path)
+    text = page(tmp_path)
+    for name in (
+        "figure-selectivity_distribution",
+        "figure-pairwise_distances",
+        "figure-learning_curve",
+        "figure-field_map",
+        "figure-beta_hand",
+        "figure-components_hand",
+        "figure-curves_digits_free",
+        "figure-seconds_per_round",
+    ):
+        assert f'id="{name}"' in text
+    assert "table-regret_scs_st" in text
+    assert "table-isometry" in text
+    assert "218,000 parameters" in text
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "message"),
+    [
+        ("reports/isometry.json", "{", "cannot be read as JSON"),
+        ("reports/isometry.json", '{"vae": {}}', "distance_correlation: Field required"),
+        ("reports/isometry_pairs.parquet", "x", "cannot be read as parquet"),
+        ("models/synergies/pca.json", "{}", "variance_accounted_for"),
+        ("data/rollouts/learning_curve.parquet", "x", "cannot be read as parquet"),
+        ("data/spinal/stimulation.parquet", "x", "cannot be read as parquet"),
+        ("data/spinal/traversal.json", "{}", "seconds"),
+    ],
+)
+def test_malformed_inputs_are_errors(tmp_path: Path, file: str, content: str, message: str) -> None:
+    path = tmp_path / file
+    path.parent.mkdir(parents=True)
+    path.write_text(content)
+    with pytest.raises(DatasetError, match=message) as error:
+        build(tmp_path)
+    assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "table", [lambda: pd.DataFrame({"g": [1.0]}), lambda: pd.DataFrame({"si_ST_left": [1.0]})]
+)
+def test_stimulation_without_its_columns(tmp_path: Path, table: Callable[[], pd.DataFrame]) -> None:
+    path = tmp_path / "data/spinal/stimulation.parquet"
+    path.parent.mkdir(parents=True)
+    table().to_parquet(path)
+    with pytest.raises(DatasetError, match="column"):
+        build(tmp_path)
+
+
+@pytest.mark.slow
+def test_largest_profile_within_a_minute_and_15_mb(tmp_path: Path) -> None:
+    write_everything(tmp_path)
+    start = time.process_time()
+    build_report(tmp_path, profile="reference", git_revision=None, safety_threshold=0.05)
+    assert time.process_time() - start <= 60
+    assert (tmp_path / "reports/index.html").stat().st_size <= 15e6

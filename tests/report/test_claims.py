@@ -1,0 +1,181 @@
+"""Each rule gives each of its verdicts on runs made for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from hdsafebo.report.claims.base import NOT_RUN, Claim, Verdict, superiority, worst_of
+from hdsafebo.report.claims.paper import paper_claims
+from hdsafebo.report.inputs import Isometry, Stimulation
+from hdsafebo.report.results import Results, Settings
+from hdsafebo.report.runs import read_runs
+from report.run_files import trial_table, write_run
+
+SEEDS = 8
+
+
+def flat(root: Path, task: str, method: str, value: float, *, seeds: int = SEEDS, **metadata: object) -> None:
+    """Runs whose objective is `value` plus a small number that depends on the seed; initial ones 0."""
+    tables = []
+    for seed in range(seeds):
+        objective = np.where(np.arange(8) < 4, 0.0, value + 0.01 * seed)
+        tables.append(trial_table(seed, objective, np.ones(8), n_initial=4, batch=2, bound=0.1))
+    write_run(root, task, method, tables, n_initial=4, batch=2, **metadata)
+
+
+def results(root: Path) -> Results:
+    return Results(read_runs(root / "data/runs"), Settings(bootstrap_samples=200))
+
+
+def claim(root: Path, name: str) -> Claim:
+    return next(c for c in paper_claims(results(root), None, None) if c.name == name)
+
+
+def test_superiority_over_all_is_reproduced(tmp_path: Path) -> None:
+    for method, value in {"hdsafebo": 2.0, "scbo": 1.0, "cei": 0.5}.items():
+        flat(tmp_path, "toy", method, value)
+    verdict = superiority(results(tmp_path), ["toy"], "hdsafebo", "objective", ["scbo", "cei"])
+    assert verdict.status == "reproduced"
+    assert "2 of 2" in verdict.text
+    assert "+1.00 over SCBO" in verdict.text
+    assert f"{SEEDS} pairs" in verdict.text
+
+
+def test_a_baseline_that_was_not_run_leaves_it_partly(tmp_path: Path) -> None:
+    flat(tmp_path, "toy", "hdsafebo", 2.0)
+    flat(tmp_path, "toy", "scbo", 1.0)
+    verdict = superiority(results(tmp_path), ["toy"], "hdsafebo", "objective", ["scbo", "cei"])
+    assert verdict.status == "partly"
+    assert "not run: cEI" in verdict.text
+
+
+def test_too_few_seeds_leave_it_partly(tmp_path: Path) -> None:
+    flat(tmp_path, "toy", "hdsafebo", 2.0, seeds=5)
+    flat(tmp_path, "toy", "scbo", 1.0, seeds=5)
+    verdict = superiority(results(tmp_path), ["toy"], "hdsafebo", "objective", ["scbo"])
+    assert verdict.status == "partly"
+    assert "at least 6 pairs" in verdict.text
+
+
+def test_a_worse_result_is_not_reproduced(tmp_path: Path) -> None:
+    for method, value in {"hdsafebo": 1.0, "scbo": 2.0, "cei": 0.5, "config": 0.5}.items():
+        flat(tmp_path, "toy", method, value)
+    verdict = superiority(results(tmp_path), ["toy"], "hdsafebo", "objective", ["scbo", "cei", "config"])
+    assert verdict.status == "not"
+    assert "significantly worse than SCBO" in verdict.text
+
+
+def test_a_tie_is_not_superiority(tmp_path: Path) -> None:
+    flat(tmp_path, "toy", "hdsafebo", 1.0)
+    flat(tmp_path, "toy", "scbo", 1.0)
+    assert superiority(results(tmp_path), ["toy"], "hdsafebo", "objective", ["scbo"]).status == "not"
+
+
+def test_original_space_counts_as_the_baseline(tmp_path: Path) -> None:
+    flat(tmp_path, "toy", "hdsafebo", 2.0)
+    flat(tmp_path, "toy", "scbo_original", 1.0, space="original")
+    verdict = superiority(results(tmp_path), ["toy"], "hdsafebo", "objective", ["scbo"])
+    assert verdict.status == "reproduced"
+    assert "SCBO (O)" in verdict.text
+
+
+def test_nothing_run_is_not_run(tmp_path: Path) -> None:
+    assert superiority(results(tmp_path), ["toy"], "hdsafebo", "objective", ["scbo"]) == NOT_RUN
+    for c in paper_claims(results(tmp_path), None, None):
+        assert {v.status for v in c.verdicts.values()} == {"not run"}, c.name
+
+
+def test_worst_of() -> None:
+    good, part, bad = Verdict("reproduced", "a"), Verdict("partly", "b"), Verdict("not", "c")
+    assert worst_of([good, good]).status == "reproduced"
+    assert worst_of([good, part]).status == "partly"
+    assert worst_of([good, bad, NOT_RUN]).status == "not"
+    assert worst_of([good, NOT_RUN]).status == "partly"
+    assert worst_of([NOT_RUN]) == NOT_RUN
+
+
+@pytest.mark.parametrize(("value", "status"), [(0.0, "reproduced"), (0.5, "not")])
+def test_safeopt(tmp_path: Path, value: float, status: str) -> None:
+    tables = [
+        trial_table(s, [1.0, 0.5, 0.4 + value * 2, 0.1], np.ones(4), n_initial=2, batch=2) for s in range(4)
+    ]
+    write_run(tmp_path, "synthetic", "safeopt", tables, n_initial=2, batch=2)
+    assert claim(tmp_path, "synthetic_safeopt").verdicts[""].status == status
+
+
+@pytest.mark.parametrize(("gain", "status"), [(0.0, "reproduced"), (0.9, "not")])
+def test_original_space_fails_on_the_hand(tmp_path: Path, gain: float, status: str) -> None:
+    flat(tmp_path, "hand", "hdsafebo", 1.0)
+    flat(tmp_path, "hand", "cei_original", gain, space="original")
+    assert claim(tmp_path, "hand_original").verdicts[""].status == status
+
+
+@pytest.mark.parametrize(
+    ("values", "status"),
+    [((1.0, 1.0, 1.0), "reproduced"), ((1.0, 1.1, 0.9), "partly"), ((1.0, 0.2, 0.9), "not")],
+)
+def test_beta(tmp_path: Path, values: tuple[float, ...], status: str) -> None:
+    for method, value in zip(("hdsafebo", "hdsafebo_beta0", "hdsafebo_beta16"), values, strict=True):
+        flat(tmp_path, "hand", method, value, beta=2.0)
+    assert claim(tmp_path, "hand_beta").verdicts[""].status == status
+
+
+def test_components(tmp_path: Path) -> None:
+    def runs(method: str, objective: float, unsafe: int) -> None:
+        g = np.where(np.isin(np.arange(44), range(4, 4 + unsafe)), -1.0, 1.0)
+        values = np.where(np.arange(44) < 4, 0.0, objective)
+        tables = [trial_table(s, values + 0.01 * s, g, n_initial=4, batch=2) for s in range(SEEDS)]
+        write_run(tmp_path, "hand", method, tables, n_initial=4, batch=2)
+
+    runs("hdsafebo", 2.0, 1)
+    runs("hdsafebo_global", 1.0, 5)
+    runs("hdsafebo_pessimistic", 2.0, 5)
+    assert claim(tmp_path, "hand_components").verdicts[""].status == "reproduced"
+    runs("hdsafebo_pessimistic", 2.0, 1)
+    assert claim(tmp_path, "hand_components").verdicts[""].status == "partly"
+    runs("hdsafebo_global", 3.0, 5)
+    assert claim(tmp_path, "hand_components").verdicts[""].status == "not"
+
+
+@pytest.mark.parametrize(
+    ("beta", "unsafe", "guarantee", "bound"),
+    [(2.0, 0, "reproduced", "reproduced"), (-2.0, 1, "not", "reproduced"), (2.0, 4, "not", "not")],
+)
+def test_theory(tmp_path: Path, beta: float, unsafe: int, guarantee: str, bound: str) -> None:
+    g = np.where(np.isin(np.arange(8), range(4, 4 + unsafe)), -0.3, 1.0)
+    tables = [trial_table(s, np.ones(8), g, n_initial=4, batch=2, bound=0.1) for s in range(3)]
+    alpha = float(norm.sf(beta))
+    write_run(tmp_path, "toy", "hdsafebo", tables, n_initial=4, batch=2, beta=beta, guaranteed_alpha=alpha)
+    assert claim(tmp_path, "guarantee").verdicts[""].status == guarantee
+    assert claim(tmp_path, "violation_bound").verdicts[""].status == bound
+    assert ("vacuous" in claim(tmp_path, "guarantee").verdicts[""].text) == (beta > 0)
+
+
+@pytest.mark.parametrize(("wins", "status"), [(3, "reproduced"), (1, "partly"), (0, "not")])
+def test_isometry(tmp_path: Path, wins: int, status: str) -> None:
+    good = {"distance_correlation": 0.9, "gp_mean_difference": 1.0, "gp_variance_difference": 1.0}
+    bad = {"distance_correlation": 0.8, "gp_mean_difference": 2.0, "gp_variance_difference": 2.0}
+    names = list(good)[:wins]
+    first = Isometry(**{k: (good if k in names else bad)[k] for k in good})
+    second = Isometry(**{k: (bad if k in names else good)[k] for k in good})
+    claims = paper_claims(results(tmp_path), {"irvae": first, "vae": second}, None)
+    assert next(c for c in claims if c.name == "embedding_isometry").verdicts[""].status == status
+
+
+@pytest.mark.parametrize(
+    ("rows", "share", "status"), [(218_000, 0.5, "reproduced"), (100, 0.5, "partly"), (1, 0.9, "not")]
+)
+def test_dataset(tmp_path: Path, rows: int, share: float, status: str) -> None:
+    claims = paper_claims(results(tmp_path), None, Stimulation(rows, 0.05, share, {}))
+    assert next(c for c in claims if c.name == "scs_dataset").verdicts[""].status == status
+
+
+@pytest.mark.parametrize(("seconds", "status"), [(1.0, "reproduced"), (12.0, "partly"), (60.0, "not")])
+def test_round_time(tmp_path: Path, seconds: float, status: str) -> None:
+    table = trial_table(0, np.ones(4), np.ones(4), n_initial=2, batch=1, seconds=seconds)
+    write_run(tmp_path, "scs_st", "hdsafebo", [table], n_initial=2, batch=1)
+    assert claim(tmp_path, "round_time").verdicts[""].status == status
