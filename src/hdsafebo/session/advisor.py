@@ -78,6 +78,7 @@ class Advisor:
         self._asked: Advice | None = None
         self.state = State()
         self.mismatches: list[Mismatch] = []
+        self._foreign: set[int] = set()
 
     @classmethod
     def restore(
@@ -138,8 +139,8 @@ class Advisor:
         return self._asked
 
     def _ask(self, optimiser: Optimizer) -> Trials:
-        """A proposal that is believed safe where it will be evaluated: after decoding, clipping and snapping."""
-        forbidden = np.union1d(self._search.restrict(self.state.last_point), self._declined())
+        """A proposal that is believed safe where it will be evaluated: decoded, clipped and snapped."""
+        forbidden = np.concatenate([self._search.restrict(self.state.last_point), self._declined()])
         nothing = np.empty((len(forbidden), 0))
         elsewhere = Trials.pending(nothing, nothing, 1, candidate=forbidden)
         for _ in range(_PROPOSALS):
@@ -185,9 +186,8 @@ class Advisor:
             **settings,
         )
         if not self._optimiser.consults_model:
-            raise ParamsError(
-                f"method.name: {self._definition.method.name!r} has no model of safety; expected one that has"
-            )
+            name = self._definition.method.name
+            raise ParamsError(f"method.name: {name!r} has no model of safety; expected one that has")
         known = self._known()
         if known:
             inputs = [self._search.input_of(t.point) for t in known]
@@ -204,7 +204,7 @@ class Advisor:
     def _learn(self, trial: Trial) -> None:
         optimiser = self._require()
         objective, safety, status = self._results(trial)
-        if trial.origin == "suggested":
+        if trial.origin == "suggested" and trial.suggestion not in self._foreign:
             asked = int(np.flatnonzero(optimiser.trials.status == Status.PENDING)[-1])
             optimiser.tell([asked], [objective], [safety], status=[status])
         elif trial.delivered:
@@ -258,12 +258,22 @@ class Advisor:
         }
 
     def _reproduce(self, entry: Entry) -> None:
-        """Compute a suggestion of the log again, unless it was just computed here."""
-        advice = self.advise()
-        recomputed = {"point": advice.point, "belief": advice.belief}
-        logged = {key: entry.payload[key] for key in recomputed}
+        """Compute a suggestion of the log again, unless it was just computed here.
+
+        One that does not come out again (another version, another computer) counts as a person's from here
+        on: the optimiser observes what was delivered.
+        """
+        logged = {key: entry.payload[key] for key in ("point", "belief")}
+        try:
+            advice = self.advise()
+            recomputed: dict[str, Any] = {"point": advice.point, "belief": advice.belief}
+        except NoSafePointError as error:
+            recomputed = {"abstained": str(error)}
         if logged != recomputed:
-            self.mismatches.append(Mismatch(len(self.state.suggestions) + 1, logged, recomputed))
+            number = len(self.state.suggestions) + 1
+            self.mismatches.append(Mismatch(number, logged, recomputed))
+            self._foreign.add(number)
+            self.withdraw()
 
     def _load(self, content: bytes) -> Optimizer:
         problem = self._search.problem(self.state.target)

@@ -7,6 +7,7 @@ without them starts no session.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -81,7 +82,7 @@ class Priors(Block):
 
     @model_validator(mode="after")
     def _increasing(self) -> Priors:
-        if any(b <= a for a, b in zip(self.currents_ma, self.currents_ma[1:], strict=False)):
+        if any(b <= a for a, b in pairwise(self.currents_ma)):
             raise ValueError(f"currents_ma must increase, got {self.currents_ma}")
         return self
 

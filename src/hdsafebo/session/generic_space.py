@@ -71,6 +71,22 @@ class GenericSpace(Space):
         shown = [f"{n}={v:.6g}" for n, v in zip(self.inputs, point["values"], strict=True)]
         return " ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")
 
+    def parse(self, text: str, base: Point | None) -> Point:
+        """`NAME=VALUE` for each input; see `Space.parse`."""
+        values = {} if base is None else self.row(base)
+        for word in text.split():
+            name, equals, number = word.partition("=")
+            if not equals or name not in self.inputs:
+                raise LimitError(f"{word!r}: expected NAME=VALUE with a name of {', '.join(self.inputs)}")
+            try:
+                values[name] = float(number)
+            except ValueError:
+                raise LimitError(f"{word!r}: {number!r} is no number") from None
+        missing = [name for name in self.inputs if name not in values]
+        if missing:
+            raise LimitError(f"values of {', '.join(missing)} are missing")
+        return self.point({"values": [values[name] for name in self.inputs]})
+
     def row(self, point: Point) -> dict[str, float]:
         """One column per input."""
         return dict(zip(self.inputs, point["values"], strict=True))

@@ -229,15 +229,21 @@ class Session:
             self.state.apply(entry)
             self._entries.append(entry)
 
-    def best(self, target: str | None = None) -> Trial | None:
-        """The safe trial with the highest outcome of a target (default: the present one)."""
+    def best(self, target: str | None = None, *, origin: str = "") -> Trial | None:
+        """The safe trial with the highest outcome of a target.
+
+        Args:
+            target: default: the present one.
+            origin: only trials of that origin count; empty counts all.
+        """
         name = target or self.state.target
         safe = [
             t
             for t in self.state.trials
             if t.outcomes is not None and t.safety is not None and self.space.safe(t.safety)
         ]
-        return max(safe, key=lambda t: (t.outcomes or {})[name], default=None)
+        among = [t for t in safe if not origin or t.origin == origin]
+        return max(among, key=lambda t: (t.outcomes or {})[name], default=None)
 
     def believe(self, point: Point) -> dict[str, Any] | None:
         """What the model believes of any point now; None while it knows nothing."""

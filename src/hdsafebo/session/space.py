@@ -81,6 +81,14 @@ class Space(ABC):
         """A point in one line."""
 
     @abstractmethod
+    def parse(self, text: str, base: Point | None) -> Point:
+        """A point as `describe` writes it; what is left out is taken from `base`.
+
+        Raises:
+            LimitError: the text cannot be read.
+        """
+
+    @abstractmethod
     def row(self, point: Point) -> dict[str, float]:
         """A point as named columns."""
 

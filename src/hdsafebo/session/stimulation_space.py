@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,6 +22,7 @@ from hdsafebo.session.tables import Table
 SAFETY_NAME = "score"
 CONTACT_COLUMNS = tuple(f"e{i}" for i in range(1, CONTACTS + 1))
 CURRENT_COLUMN = "current_ma"
+_POINT_HINT = "expected contacts 1 to 16, each once, and a current, such as 4- 12+ 13+ at 2.5 mA"
 _FILE_HINT = "expected polarities -1, 0 or 1"
 
 
@@ -69,6 +71,27 @@ class StimulationSpace(Space):
         order = sorted((sign, contact) for contact, sign in enumerate(point["polarity"], start=1) if sign)
         contacts = " ".join(f"{contact}{signs[sign]}" for sign, contact in order)
         return f"{contacts or 'no contact'} at {point[CURRENT_COLUMN]:g} mA"
+
+    def parse(self, text: str, base: Point | None) -> Point:
+        """Contacts with their signs, `at`, a current; either half may be left out. See `Space.parse`."""
+        contacts, _, current = text.partition(" at ") if " at " in f" {text}" else (text, "", "")
+        if text.strip().startswith("at "):
+            contacts, current = "", text.strip().removeprefix("at ")
+        signed = re.findall(r"\S+", contacts)
+        if not (signed or base) or not (current.strip() or base):
+            raise LimitError(f"{text!r}: {_POINT_HINT}")
+        polarity = [0] * CONTACTS if signed or base is None else list(base["polarity"])
+        for word in signed:
+            match = re.fullmatch(r"(\d{1,2})([+-])", word)
+            if match is None or not 1 <= int(match[1]) <= CONTACTS or polarity[int(match[1]) - 1]:
+                raise LimitError(f"{word!r}: {_POINT_HINT}")
+            polarity[int(match[1]) - 1] = 1 if match[2] == "+" else -1
+        number = current.replace("mA", "").strip()
+        try:
+            value = float(number) if number or base is None else base[CURRENT_COLUMN]
+        except ValueError:
+            raise LimitError(f"current {number!r}: {_POINT_HINT}") from None
+        return self.point({"polarity": polarity, CURRENT_COLUMN: value})
 
     def row(self, point: Point) -> dict[str, float]:
         """Columns e1 ... e16 and current_ma."""

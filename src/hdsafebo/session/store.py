@@ -155,6 +155,13 @@ class Store:
             raise AuditError(f"{self.path}: file {sha256[:12]}... is missing or was changed")
         return row[0]
 
+    def check_integrity(self) -> None:
+        """SQLite's own check of the file's structure; AuditError when it finds damage."""
+        with self._guard():
+            found = self._db.execute("PRAGMA integrity_check").fetchone()[0]
+        if found != "ok":
+            raise AuditError(f"{self.path}: damaged: {found}")
+
     def cached(self, key: str) -> tuple[int, bytes] | None:
         """(number of the last entry it knows, content) of a cached value; None when missing or damaged."""
         with self._guard():

@@ -1,0 +1,327 @@
+"use strict";
+// The page shows what /api/status says and sends one step at a time. While a step is on its way every button but
+// STOP is dead, and each step names the log's head that was seen, so nothing can be decided twice.
+
+const byId = (id) => document.getElementById(id);
+let seen = null; // last status
+let busy = false;
+let editing = null; // {mode: "modify" | "manual", point} while inputs are edited
+let lookTimer = 0;
+
+const CONTACT_TOPS = [[6, 12, 18, 24, 30, 36, 42, 48], [3, 9, 15, 21, 27, 33, 39, 45]]; // mm on the paddle
+const CONTACT_COLUMNS = [3, 9]; // drawn further apart than they are, to be hit easily
+
+async function send(step, body) {
+  if (busy && step !== "stop") return;
+  setBusy(true);
+  say("");
+  try {
+    const answer = await fetch(`/api/${step}`, {
+      method: "POST",
+      headers: { "Content-Type": "application/json", "X-Session-Page": "1" },
+      body: JSON.stringify({ who: byId("who").value, head: seen && seen.head.hash, ...body }),
+    });
+    const result = await answer.json();
+    if (!answer.ok) say(result.error);
+    else editing = null;
+  } catch (error) {
+    say(`the program does not answer (${error.message}); nothing is known to be recorded: look at the status`);
+  }
+  await refresh();
+  setBusy(false);
+}
+
+async function refresh() {
+  try {
+    const answer = await fetch("/api/status");
+    if (!answer.ok) { say(await answer.text()); return; }
+    const status = await answer.json();
+    const changed = !seen || seen.head.hash !== status.head.hash;
+    seen = status;
+    if (changed) show();
+  } catch (error) {
+    say("the program does not answer");
+  }
+}
+
+function setBusy(value) {
+  busy = value;
+  for (const button of document.querySelectorAll("button:not(.stop)")) button.disabled = value;
+  document.body.dataset.busy = value;
+}
+
+function say(text) {
+  byId("message").textContent = text;
+  byId("message").hidden = !text;
+}
+
+function show() {
+  byId("name").textContent = seen.name;
+  document.title = seen.name;
+  byId("disclaimer").textContent = seen.disclaimer;
+  byId("head").textContent = `${seen.head.seq} ${seen.head.hash}`;
+  byId("stopped").hidden = seen.stopped === null;
+  byId("stopped").firstElementChild.textContent = `Stopped: ${seen.stopped}`;
+  fill(byId("target"), seen.targets.map((t) => new Option(t, t, false, t === seen.target)));
+  showBest();
+  showHistory();
+  byId("course").src = `/api/course.svg?${seen.head.hash}`;
+  byId("calibration").src = `/api/calibration.svg?${seen.head.hash}`;
+  showNow();
+}
+
+function showNow() {
+  const { suggestion, running, stopped } = seen;
+  const buttons = [];
+  let point = null, belief = null, title = "Ready";
+  byId("record").hidden = !running;
+  byId("reason-row").hidden = true;
+  fill(byId("breaches"), []);
+  if (editing) {
+    title = editing.mode === "modify" ? `Change suggestion ${suggestion.number}` : "Own trial";
+    point = editing.point;
+    byId("reason-row").hidden = false;
+    buttons.push(["Deliver this", "approve", () => send(editing.mode, {
+      point: editing.point, reason: byId("reason").value, suggestion: suggestion && suggestion.number })]);
+    buttons.push(["Back", "plain", () => { editing = null; showNow(); }]);
+    look();
+  } else if (running) {
+    title = `Trial ${running.number} (${running.origin}): deliver, then record`;
+    point = running.point;
+    belief = running.belief;
+    showEntries();
+    buttons.push(["Record", "approve", record]);
+    buttons.push(["Not delivered", "refuse", () => withReason("not-delivered", { trial: running.number })]);
+  } else if (suggestion) {
+    title = `Suggestion ${suggestion.number} for ${suggestion.target}`;
+    point = suggestion.point;
+    belief = suggestion.belief;
+    const number = { suggestion: suggestion.number };
+    buttons.push(["Approve", "approve", () => send("approve", number)]);
+    buttons.push(["Change", "plain", () => edit("modify", suggestion.point)]);
+    buttons.push(["Refuse", "refuse", () => withReason("refuse", number)]);
+  } else if (!stopped) {
+    buttons.push(["Suggest", "approve", () => send("suggest", {})]);
+    buttons.push(["Own trial", "plain", () => edit("manual", startPoint())]);
+  }
+  byId("title").textContent = title;
+  showPoint(point);
+  showBelief(belief);
+  fill(byId("buttons"), buttons.map(([text, kind, act]) => {
+    const button = element("button", text, kind);
+    button.dataset.step = text;
+    button.disabled = busy;
+    button.onclick = act;
+    return button;
+  }));
+}
+
+function withReason(step, body) {
+  const row = byId("reason-row");
+  const reason = byId("reason").value.trim();
+  if (row.hidden || !reason) {
+    row.hidden = false;
+    byId("reason").focus();
+    say("Give a reason, then press again.");
+    return;
+  }
+  send(step, { ...body, reason });
+}
+
+function edit(mode, point) {
+  editing = { mode, point: structuredClone(point) };
+  byId("reason").value = "";
+  showNow();
+}
+
+function startPoint() {
+  if (seen.best) return seen.best.point;
+  return seen.kind === "stimulation" ? { polarity: Array(16).fill(0), current_ma: 0 } : { values: seen.inputs.map(() => 0) };
+}
+
+function showPoint(point) {
+  fill(byId("paddle"), []);
+  fill(byId("values"), []);
+  if (!point) return;
+  if (point.polarity) {
+    byId("paddle").append(paddle(point.polarity));
+    if (editing) byId("values").append(number("current, mA", point.current_ma, (v) => { point.current_ma = v; }));
+    else byId("values").append(element("strong", `${point.current_ma} mA`));
+  } else if (editing) {
+    seen.inputs.forEach((name, i) => byId("values").append(number(name, point.values[i], (v) => { point.values[i] = v; })));
+  } else {
+    seen.inputs.forEach((name, i) => byId("values").append(element("div", `${name} = ${Number(point.values[i].toPrecision(6))}`)));
+  }
+}
+
+function number(name, value, set) {
+  const label = element("label", name);
+  const input = element("input");
+  Object.assign(input, { type: "number", step: "any", value });
+  input.oninput = () => { set(input.valueAsNumber); look(); };
+  label.append(input);
+  return label;
+}
+
+function paddle(polarity) {
+  const svg = svgElement("svg", { viewBox: "0 0 14 53" });
+  svg.append(svgElement("rect", { x: 0.2, y: 0.2, width: 13.6, height: 52.6, rx: 1.6, fill: "#eef1f4", stroke: "#9aa4ae", "stroke-width": 0.2 }));
+  CONTACT_TOPS.forEach((tops, column) => tops.forEach((top, i) => {
+    const contact = column * 8 + i;
+    const sign = polarity[contact];
+    const x = CONTACT_COLUMNS[column] - 0.6;
+    const fill = sign < 0 ? "#0b5fa5" : sign > 0 ? "#b3261e" : "#ffffff";
+    const box = svgElement("rect", { x, y: top - 1, width: 3, height: 4.4, rx: 0.6, fill, stroke: "#59636e", "stroke-width": 0.2 });
+    box.dataset.contact = contact + 1;
+    svg.append(box);
+    const mark = svgElement("text", { x: x + 1.5, y: top + 1.9, fill: "#fff" });
+    mark.textContent = sign < 0 ? "−" : sign > 0 ? "+" : "";
+    svg.append(mark);
+    const label = svgElement("text", { x: column ? x + 3.9 : x - 1, y: top + 1.7, class: "number" });
+    label.textContent = contact + 1;
+    svg.append(label);
+    if (editing) {
+      box.classList.add("editable");
+      box.onclick = () => {
+        polarity[contact] = sign === 0 ? -1 : sign < 0 ? 1 : 0;
+        showPoint(editing.point);
+        look();
+      };
+    }
+  }));
+  return svg;
+}
+
+function look() {
+  clearTimeout(lookTimer);
+  lookTimer = setTimeout(async () => {
+    const asked = editing;
+    if (!asked) return;
+    const answer = await fetch("/api/look", {
+      method: "POST",
+      headers: { "Content-Type": "application/json", "X-Session-Page": "1" },
+      body: JSON.stringify({ point: asked.point }),
+    });
+    const result = await answer.json();
+    if (editing !== asked) return;
+    fill(byId("breaches"), (result.breaches || [result.error]).map((text) => element("li", text)));
+    showBelief(result.belief || null);
+  }, 250);
+}
+
+function showBelief(belief) {
+  fill(byId("belief"), []);
+  if (!belief) return;
+  const table = element("table");
+  const row = (name, value, meter) => {
+    const line = table.insertRow();
+    line.insertCell().textContent = name;
+    line.insertCell().textContent = value;
+    if (meter !== undefined) {
+      const bar = element("meter");
+      Object.assign(bar, { min: 0, max: 1, low: 0.8, high: 0.95, optimum: 1, value: meter });
+      line.insertCell().append(bar);
+    }
+  };
+  const { mean, sd } = belief.objective;
+  row(`predicted ${seen.target}`, `${mean.toFixed(3)} ± ${(2 * sd).toFixed(3)}`);
+  for (const [name, value] of Object.entries(belief.safety)) {
+    row(`predicted ${name} (safe from ${seen.safety_limits[name]})`, `${value.mean.toFixed(2)} ± ${(2 * value.sd).toFixed(2)}`);
+  }
+  row("probability to be safe", percent(belief.safe_probability), belief.safe_probability);
+  row("promised by the method", percent(seen.promised.alpha));
+  if (belief.marked_unsafe) row("NOT BELIEVED SAFE", "nothing is; this is the most probably safe trial");
+  byId("belief").append(table, element("small", "± two standard deviations"));
+}
+
+function percent(p) {
+  return p > 0.9995 ? "> 99.9 %" : `${(100 * p).toFixed(1)} %`;
+}
+
+function showEntries() {
+  if (byId("entries").dataset.trial === String(seen.running.number)) return;
+  byId("entries").dataset.trial = seen.running.number;
+  byId("file").value = "";
+  byId("remark").value = "";
+  byId("reason").value = "";
+  byId("file-row").hidden = !seen.takes_recordings;
+  fill(byId("entries"), seen.entries.map((name) => {
+    const label = element("label", seen.takes_recordings ? `Score of ${name}` : name);
+    const input = element("input");
+    Object.assign(input, { type: "number", step: "any", name });
+    label.append(input);
+    return label;
+  }));
+}
+
+async function record() {
+  const values = {};
+  for (const input of byId("entries").querySelectorAll("input")) if (input.value !== "") values[input.name] = input.valueAsNumber;
+  const file = byId("file").files[0];
+  const recording = file ? { name: file.name, content: await base64(file) } : null;
+  await send("record", { trial: seen.running.number, values, recording, remark: byId("remark").value });
+}
+
+function base64(file) {
+  return new Promise((resolve, reject) => {
+    const reader = new FileReader();
+    reader.onload = () => resolve(reader.result.slice(reader.result.indexOf(",") + 1));
+    reader.onerror = () => reject(reader.error);
+    reader.readAsDataURL(file);
+  });
+}
+
+function showBest() {
+  const best = seen.best;
+  const first = seen.initial_best === null ? "" : ` (best initial ${seen.initial_best.toFixed(3)})`;
+  byId("best").textContent = best ? `${seen.target} ${best.outcomes[seen.target].toFixed(3)}${first}: ${best.text}, trial ${best.number}` : "no safe trial yet";
+  const c = seen.counts;
+  byId("counts").textContent = `${c.initial} initial, ${c.recommended} recommended (${c.unsafe_recommended} unsafe), ` +
+    `${c.modified} changed, ${c.manual} own, ${c.refused} refused`;
+}
+
+function showHistory() {
+  const names = ["trial", "chosen by", "inputs", "target", "outcome", "predicted", "safety", "P(safe)", "who"];
+  const head = document.querySelector("#history thead");
+  fill(head, []);
+  const first = head.insertRow();
+  for (const name of names) first.append(element("th", name));
+  const body = document.querySelector("#history tbody");
+  fill(body, []);
+  for (const trial of seen.history) {
+    const row = body.insertRow();
+    if (trial.unsafe) row.className = "unsafe";
+    const target = trial.target || seen.target;
+    const outcome = trial.outcomes ? trial.outcomes[target].toFixed(3) : trial.status === "running" ? "…" : trial.failure || "none";
+    const safety = trial.safety ? Object.values(trial.safety).map((v) => Number(v.toPrecision(4))).join(", ") : "";
+    const belief = trial.belief;
+    const cells = [trial.number, trial.origin, trial.text, trial.target || "", outcome,
+      belief ? `${belief.objective.mean.toFixed(3)}` : "", trial.unsafe ? `${safety} unsafe` : safety,
+      belief ? percent(belief.safe_probability) : "", trial.decided_by];
+    for (const cell of cells) row.insertCell().textContent = cell;
+  }
+}
+
+function fill(parent, children) { parent.replaceChildren(...children); }
+
+function element(name, text = "", kind = "") {
+  const made = document.createElement(name);
+  made.textContent = text;
+  if (kind) made.className = kind;
+  return made;
+}
+
+function svgElement(name, attributes) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  return made;
+}
+
+byId("stop").onclick = () => send("stop", { reason: byId("reason").value.trim() || "stop button" });
+byId("resume").onclick = () => send("resume", {});
+byId("target").onchange = () => send("target", { target: byId("target").value });
+byId("record").onsubmit = (event) => event.preventDefault();
+byId("who").value = localStorage.getItem("who") || "";
+byId("who").oninput = () => localStorage.setItem("who", byId("who").value);
+refresh();
+setInterval(() => { if (!busy && !editing) refresh(); }, 3000);
