@@ -36,7 +36,8 @@ def main(stage: Stage) -> None:
     for name in track(names, "check isometry"):
         path = stage.path(f"models/embeddings/{name}.safetensors")
         measured[name], distances[name] = check.measure(load_embedding(path, input_dim=PIXELS))
-        stage.log_metrics({f"{name}_{key}": value for key, value in asdict(measured[name]).items()})
+        numbers = asdict(measured[name]).items()
+        stage.log_metrics({f"{name}_{key}": value for key, value in numbers if value is not None})
     text = json.dumps({name: asdict(found) for name, found in measured.items()}, indent=1, sort_keys=True)
     stage.path("reports/isometry.json").write_text(text + "\n", encoding="utf-8")
     shown = {key: value[: settings.figure_pairs].astype(np.float32) for key, value in distances.items()}

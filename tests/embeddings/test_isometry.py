@@ -55,6 +55,14 @@ def test_fewer_components_measure_worse(check: IsometryCheck) -> None:
     assert many.reconstruction_mse < few.reconstruction_mse
 
 
+def test_a_lost_direction_has_no_condition_number(check: IsometryCheck) -> None:
+    blind = embedding("pca", latent_dim=3)
+    tensors = {key: value.copy() for key, value in blind.tensors().items()}
+    tensors["decoder"][:, 2] = 0.0
+    blind._restore(tensors)
+    assert check.measure(blind)[0].condition_number is None
+
+
 def test_same_seed_same_measures(check: IsometryCheck) -> None:
     assert (
         check.measure(embedding("random", latent_dim=3))[0]

@@ -41,7 +41,7 @@ class IsometryMeasures:
         round_trip_held_out_currents: the same for currents between those of the dataset, nearest among them.
         reconstruction_mse: mean squared error of decoded codes per component.
         condition_number: median condition number of the pullback metric J'J of the decoder; 1 for a
-            scaled isometry.
+            scaled isometry, None where the decoder is blind to a direction of the code.
     """
 
     distance_correlation: float
@@ -52,7 +52,7 @@ class IsometryMeasures:
     round_trip_held_out: float
     round_trip_held_out_currents: float
     reconstruction_mse: float
-    condition_number: float
+    condition_number: float | None
 
     def require(self, name: str, floors: Mapping[str, float]) -> None:
         """Stop if a measure is below its floor.
@@ -138,6 +138,7 @@ class IsometryCheck:
             train=self.gp_points // 2,
             draws=self.gp_draws,
         )
+        condition = condition_number(embedding, codes[: self.jacobian_points])
         measures = IsometryMeasures(
             distance_correlation=distance_correlation(self.original_distances, latent),
             scale=scale,
@@ -147,6 +148,6 @@ class IsometryCheck:
             round_trip_held_out=self.held_out.share(embedding),
             round_trip_held_out_currents=self.held_out_currents.share(embedding),
             reconstruction_mse=reconstruction_mse(embedding, self.points),
-            condition_number=condition_number(embedding, codes[: self.jacobian_points]),
+            condition_number=condition if np.isfinite(condition) else None,
         )
         return measures, latent
