@@ -6,10 +6,14 @@ import time
 
 from hdsafebo.spinal.anatomy import Anatomy
 from hdsafebo.spinal.conductivity import conductivity_table, cord_conductivity
+from hdsafebo.spinal.figures import activating_figure, bipole, mesh_figure, potential_figure, save_figure
 from hdsafebo.spinal.lead_field import as_lead_field, cord_contacts, solve
 from hdsafebo.spinal.mesh import cord_mesh
+from hdsafebo.spinal.muscles import districts
 from hdsafebo.spinal.section import EdgeLengths, cord_section
 from hdsafebo.stage import Stage, run_stage
+
+_SHOWN_BIPOLE = (12, 14)  # cathode and anode of the pictures, on the medial column
 
 
 def main(stage: Stage) -> None:
@@ -21,7 +25,17 @@ def main(stage: Stage) -> None:
     mesh = cord_mesh(anatomy, cord_section(anatomy, lengths), settings.mesh.step)
     conductivity = cord_conductivity(anatomy, mesh, conductivity_table(settings.conductivity))
     solution = solve(mesh, conductivity, cord_contacts(anatomy, mesh), settings.tolerance)
-    as_lead_field(mesh, anatomy, solution).save(stage.path("data/spinal/lead_field.npz"))
+    field = as_lead_field(mesh, anatomy, solution)
+    field.save(stage.path("data/spinal/lead_field.npz"))
+    polarity = bipole(*_SHOWN_BIPOLE)
+    for name, figure in {
+        "mesh": mesh_figure(field),
+        "potential": potential_figure(field, polarity, 1.0),
+        "activating_function": activating_figure(
+            field, polarity, 1.0, districts(anatomy, settings.districts)
+        ),
+    }.items():
+        save_figure(figure, stage.path(f"data/spinal/figures/{name}.png"))
     stage.log_metrics(
         {
             "unknowns": solution.unknowns,

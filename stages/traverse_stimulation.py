@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import resource
 import time
 
 import numpy as np
@@ -10,6 +12,7 @@ from hdsafebo.spinal.activating_function import sample
 from hdsafebo.spinal.anatomy import Anatomy
 from hdsafebo.spinal.configurations import enumerate_configurations
 from hdsafebo.spinal.dataset import to_table, write_dataset
+from hdsafebo.spinal.figures import save_figure, selectivity_figure
 from hdsafebo.spinal.lead_field import LeadField
 from hdsafebo.spinal.muscles import districts
 from hdsafebo.spinal.traversal import traverse
@@ -31,17 +34,23 @@ def main(stage: Stage) -> None:
         np.array(settings.currents),
         settings.safety_threshold,
     )
+    table = to_table(result)
     path = stage.path("data/spinal/stimulation.parquet")
-    write_dataset(to_table(result), path)
-    stage.log_metrics(
-        {
-            "rows": result.g.size,
-            "safe_share": float(np.mean(result.g >= settings.safety_threshold)),
-            "activation_threshold": result.threshold,
-            "seconds": time.perf_counter() - start,
-            "megabytes": path.stat().st_size / 1e6,
-        }
+    write_dataset(table, path)
+    figure = selectivity_figure(table, "left", settings.safety_threshold)
+    save_figure(figure, stage.path("data/spinal/selectivity.png"))
+    summary = {
+        "rows": table.num_rows,
+        "safe_share": float(np.mean(result.g >= settings.safety_threshold)),
+        "activation_threshold": result.threshold,
+        "seconds": time.perf_counter() - start,
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "file_mb": path.stat().st_size / 1e6,
+    }
+    stage.path("data/spinal/traversal.json").write_text(
+        json.dumps(summary, indent=2) + "\n", encoding="utf-8"
     )
+    stage.log_metrics(summary)
 
 
 if __name__ == "__main__":

@@ -116,8 +116,9 @@ def _half_grid(field: LeadField, spacing: float) -> Array:
     x = np.arange(spacing / 2, reach[0], spacing)
     y = np.arange(spacing / 2, reach[1], spacing)
     grid = np.stack(np.meshgrid(x, np.concatenate([-y[::-1], y]), indexing="ij"), axis=-1).reshape(-1, 2)
-    element = skfem.MeshTri(field.section_nodes, field.triangles).element_finder()(*grid.T)
-    inside = grid[cord[element]]
-    if len(inside) == 0:
+    if len(grid):
+        element = skfem.MeshTri(field.section_nodes, field.triangles).element_finder()(*grid.T)
+        grid = grid[cord[element]]
+    if len(grid) == 0:
         raise AnatomyError(f"a sample spacing of {spacing:g} mm leaves no point in the cord")
-    return inside
+    return grid

@@ -18,6 +18,7 @@ from hdsafebo.spinal.solver import FastDiagonalisation, LeadFieldError, conjugat
 Array = NDArray[np.float64]
 
 MILLIVOLTS = 1e3
+_BATCH = 8  # contacts solved side by side; bounds the memory
 _ARRAYS = ("section_nodes", "triangles", "tissue", "tissues", "z", "x", "y", "contacts", "potential")
 
 
@@ -59,7 +60,7 @@ class LeadField:
             LeadFieldError: the file is missing, damaged, holds other arrays, or they do not fit together.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with path.open("rb") as handle, np.load(handle, allow_pickle=False) as file:
                 found = cls(**{name: file[name] for name in _ARRAYS})
         except FileNotFoundError as error:
             raise LeadFieldError(f"{path}: no such file; the stage solve_lead_field writes it") from error
@@ -142,15 +143,20 @@ def solve(
     nodes = mesh.x.shape[1]
     free = np.setdiff1d(np.arange(nodes), mesh.section.boundary)
     unknown = (np.arange(len(mesh.z))[:, None] * nodes + free).ravel()
-    matrix = stiffness(mesh, conductivity)
     loads = contact_currents(mesh, contacts)
-    values, iterations = conjugate_gradients(
-        matrix[unknown][:, unknown], loads[unknown], FastDiagonalisation(mesh, conductivity, free), tolerance
-    )
-    potential = np.zeros_like(loads)
-    potential[unknown] = values
     fixed = np.setdiff1d(np.arange(len(loads)), unknown)
-    outflow = -np.asarray(matrix[fixed] @ potential).sum(axis=0) + loads[fixed].sum(axis=0)
+    matrix = stiffness(mesh, conductivity)
+    outer, matrix = matrix[fixed], matrix[unknown][:, unknown]
+    precondition = FastDiagonalisation(mesh, conductivity, free)
+    potential, iterations = np.zeros_like(loads), 0
+    for first in range(0, len(contacts), _BATCH):
+        batch = np.s_[first : first + _BATCH]
+        values, needed = conjugate_gradients(
+            matrix, loads[unknown, batch], precondition, tolerance, "Lead fields"
+        )
+        potential[unknown, batch] = values
+        iterations = max(iterations, needed)
+    outflow = loads[fixed].sum(axis=0) - np.asarray(outer @ potential).sum(axis=0)
     return Solution(
         potential.reshape(len(mesh.z), nodes, -1), iterations, len(unknown), loads.T @ potential, outflow
     )

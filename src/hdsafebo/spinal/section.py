@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _DENSE = 2001  # points of the polyline that stands for a smooth curve
-_COARSENING = 0.3  # growth of the edge length per mm of distance from cord and contacts
 
 
 @dataclass(frozen=True)
@@ -46,11 +45,18 @@ class Section:
 
 @dataclass(frozen=True)
 class EdgeLengths:
-    """Wanted edge lengths in mm: in the cord, at the contacts, and the largest anywhere."""
+    """Wanted edge lengths in mm: in the cord, at the contacts, the largest; and their growth per mm."""
 
     cord: float
     contacts: float
     largest: float
+    growth: float = 0.3
+
+    def scaled(self, factor: float) -> EdgeLengths:
+        """The same distribution with all lengths multiplied: uniform refinement."""
+        return EdgeLengths(
+            factor * self.cord, factor * self.contacts, factor * self.largest, factor * self.growth
+        )
 
 
 def cord_section(anatomy: Anatomy, lengths: EdgeLengths) -> Section:
@@ -77,17 +83,31 @@ def cord_section(anatomy: Anatomy, lengths: EdgeLengths) -> Section:
         "fat": _ellipse("fat", anatomy.canal_width / 2, anatomy.canal_depth / 2),
         "bone": _ellipse("bone", anatomy.body_radius, anatomy.body_radius),
     }
-    reach = max(abs(anatomy.contacts()[:, 0])) + CONTACT_WIDTH / 2
+    reach = float(np.abs(anatomy.contacts()[:, 0]).max()) + CONTACT_WIDTH / 2
+    size = graded_size(lengths, (a, b), (reach, anatomy.paddle_face))
+    return build_section(regions, size, contacts_on="paddle")
+
+
+def graded_size(lengths: EdgeLengths, cord: tuple[float, float], contacts: tuple[float, float]) -> Size:
+    """Edge lengths that grow with the distance from the cord and from the contacts.
+
+    Args:
+        lengths: in the cord, at the contacts, and the largest.
+        cord: half width and half depth of the cord, mm.
+        contacts: the contacts lie on the line from (-x, y) to (x, y), given as (x, y), mm.
+    """
+    a, b = cord
+    reach, height = contacts
 
     def size(points: Array) -> Array:
-        depth = np.maximum(np.hypot(points[:, 0] / a, points[:, 1] / b) - 1, 0) * b
-        from_contacts = np.hypot(
-            np.maximum(np.abs(points[:, 0]) - reach, 0), points[:, 1] - anatomy.paddle_face
+        from_cord = np.maximum(np.hypot(points[:, 0] / a, points[:, 1] / b) - 1, 0) * b
+        from_contacts = np.hypot(np.maximum(np.abs(points[:, 0]) - reach, 0), points[:, 1] - height)
+        near = np.minimum(
+            lengths.cord + lengths.growth * from_cord, lengths.contacts + lengths.growth * from_contacts
         )
-        near = np.minimum(lengths.cord + _COARSENING * depth, lengths.contacts + _COARSENING * from_contacts)
         return np.minimum(near, lengths.largest)
 
-    return build_section(regions, size, contacts_on="paddle")
+    return size
 
 
 def build_section(regions: dict[str, Curve], size: Size, contacts_on: str) -> Section:

@@ -18,10 +18,13 @@ from scipy.sparse.linalg import splu
 from skfem.helpers import dot, grad
 
 from hdsafebo.errors import HdSafeBOError
+from hdsafebo.progress import progress
 from hdsafebo.spinal.conductivity import Conductivity
 from hdsafebo.spinal.mesh import PrismMesh
 
 Array = NDArray[np.float64]
+
+_MOST_ITERATIONS = 200
 
 
 class LeadFieldError(HdSafeBOError):
@@ -83,8 +86,7 @@ def conjugate_gradients(
     loads: Array,
     precondition: Callable[[Array], Array],
     tolerance: float,
-    max_iterations: int = 200,
-    progress: Callable[[float], None] = lambda _: None,
+    description: str,
 ) -> tuple[Array, int]:
     """Solve matrix @ x = loads for all columns side by side.
 
@@ -93,8 +95,7 @@ def conjugate_gradients(
         loads: shape (n, columns).
         precondition: approximate inverse, applied to (n, columns).
         tolerance: bound on |residual| / |load| of every column.
-        max_iterations: give up after as many.
-        progress: called with the largest relative residual of each iteration.
+        description: of the progress; its unit is a power of ten of the residual.
 
     Returns:
         The solutions, shape (n, columns), and the number of iterations.
@@ -104,22 +105,30 @@ def conjugate_gradients(
     """
     solution, residual = np.zeros_like(loads), loads.copy()
     scale = np.linalg.norm(loads, axis=0)
-    direction = preconditioned = precondition(residual)
+    preconditioned = precondition(residual)
+    direction = preconditioned.copy()
     product = np.sum(residual * preconditioned, axis=0)
-    for iteration in range(1, max_iterations + 1):
-        image = matrix @ direction
-        step = product / np.sum(direction * image, axis=0)
-        solution += step * direction
-        residual -= step * image
-        error = float(np.max(np.linalg.norm(residual, axis=0) / scale))
-        progress(error)
-        if error <= tolerance:
-            return solution, iteration
-        preconditioned = precondition(residual)
-        new = np.sum(residual * preconditioned, axis=0)
-        direction = preconditioned + (new / product) * direction
-        product = new
+    digits = int(np.ceil(-np.log10(tolerance)))
+    with progress(digits, description) as advance:
+        done = 0
+        for iteration in range(1, _MOST_ITERATIONS + 1):
+            image = matrix @ direction
+            step = product / np.sum(direction * image, axis=0)
+            solution += step * direction
+            residual -= step * image
+            error = float(np.max(np.linalg.norm(residual, axis=0) / scale))
+            if not np.isfinite(error):
+                raise LeadFieldError(f"the potential is not finite after {iteration} iterations")
+            reached = max(done, min(digits, int(-np.log10(max(error, tolerance)))))
+            advance(reached - done, f"residual {error:.0e}")
+            done = reached
+            if error <= tolerance:
+                return solution, iteration
+            preconditioned = precondition(residual)
+            new = np.sum(residual * preconditioned, axis=0)
+            direction = preconditioned + (new / product) * direction
+            product = new
     raise LeadFieldError(
-        f"the potential has a relative residual of {error:.1e} after {max_iterations} iterations, "
+        f"the potential has a relative residual of {error:.1e} after {_MOST_ITERATIONS} iterations, "
         f"expected {tolerance:.1e}"
     )

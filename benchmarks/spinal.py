@@ -1,0 +1,181 @@
+"""Verification of the spinal model at full size: accuracy, convergence, conservation, meshes, cost.
+
+    python benchmarks/spinal.py                 # all of it, some minutes
+    python benchmarks/spinal.py --part cylinder --part meshes --write
+
+The layered cylinder has an exact solution (Fourier and Bessel series). Errors are the largest over a fibre,
+relative to its largest value, at r = 0, 2 and 4 mm below the patch; the bent columns use mapped prisms.
+Seconds are those of the processor, one thread, so other work on the machine does not change them much.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from hdsafebo.params import Spinal
+from hdsafebo.spinal.activating_function import sample
+from hdsafebo.spinal.anatomy import Anatomy
+from hdsafebo.spinal.conductivity import conductivity_table, cord_conductivity
+from hdsafebo.spinal.configurations import enumerate_configurations
+from hdsafebo.spinal.lead_field import LeadField, as_lead_field, cord_contacts, solve
+from hdsafebo.spinal.mesh import cord_mesh
+from hdsafebo.spinal.muscles import districts
+from hdsafebo.spinal.reference_cylinder import LayeredCylinder
+from hdsafebo.spinal.section import EdgeLengths, cord_section
+from hdsafebo.spinal.traversal import Traversal, traverse
+from hdsafebo.spinal.verification import RADII, cylinder_errors
+
+Row = dict[str, float | int | str]
+
+SETTINGS = Spinal()
+STANDARD = EdgeLengths(SETTINGS.mesh.cord, SETTINGS.mesh.contacts, SETTINGS.mesh.largest)
+MESHES = {
+    "coarse": (EdgeLengths(0.8, 0.4, 6.0), 1.0),
+    "standard": (STANDARD, SETTINGS.mesh.step),
+    "fine": (EdgeLengths(0.3, 0.15, 3.0), 0.4),
+}
+
+
+def cylinder() -> list[Row]:
+    """The standard mesh on the layered and on a homogeneous cylinder, straight and bent columns."""
+    layered, uniform = LayeredCylinder(), LayeredCylinder(across=(0.3,) * 4, along=(0.3,) * 4)
+    cases = [("layered", layered, 0.0), ("layered, bent", layered, 0.4), ("homogeneous", uniform, 0.0)]
+    return [
+        {"case": name, **_errors(case, STANDARD, SETTINGS.mesh.step, bulge)} for name, case, bulge in cases
+    ]
+
+
+def convergence() -> list[Row]:
+    """Uniform refinement of straight and bent columns; the order is that of the largest potential error."""
+    rows: list[Row] = []
+    for bulge in (0.0, 0.4):
+        before = None
+        for factor in (1.0, 0.7, 0.5, 0.35):
+            row: Row = {"case": "bent" if bulge else "straight", "factor": factor}
+            row |= _errors(LayeredCylinder(), EdgeLengths(1.0, 0.5, 4.0, 0.6).scaled(factor), factor, bulge)
+            error = max(float(row[f"V r={r:g} %"]) for r in RADII)
+            row["order"] = (
+                np.nan if before is None else round(np.log(before[1] / error) / np.log(before[0] / factor), 2)
+            )
+            before = (factor, error)
+            rows.append(row)
+    return rows
+
+
+def meshes() -> list[Row]:
+    """The cord on three meshes: differences from the fine one, and the cost of the lead fields."""
+    runs: dict[str, tuple[Row, Traversal]] = {}
+    for name, (lengths, step) in MESHES.items():
+        field, row = _solve_cord(lengths, step)
+        runs[name] = ({"mesh": name, **row}, _traverse(field))
+    best = runs["fine"][1]
+    for row, found in runs.values():
+        row["SI rms difference"] = float(np.sqrt(np.mean((found.si - best.si) ** 2)))
+        row["g rms difference"] = float(np.sqrt(np.mean((found.g - best.g) ** 2)))
+        row["threshold mV/mm2"] = found.threshold
+    return [row for row, _ in runs.values()]
+
+
+def traversal() -> list[Row]:
+    """Cost and outcome of the traversal; best safe selectivity of the left pools and where it lies."""
+    field, _ = _solve_cord(*MESHES["standard"])
+    wall = time.perf_counter()
+    found = _traverse(field)
+    seconds = time.perf_counter() - wall
+    safe = found.g >= SETTINGS.safety_threshold
+    rows: list[Row] = [
+        {"rows": found.g.size, "safe share": float(safe.mean()), "wall s": seconds, "peak MB": _peak()}
+    ]
+    for i, muscle in enumerate(districts(Anatomy())):
+        best = np.where(safe, found.si[:, :, i, 0], -1.0).max(axis=0)
+        level = int(best.argmax())
+        rows.append(
+            {
+                "muscle": muscle,
+                "best safe SI": float(best.max()),
+                "level": level,
+                "mA": float(found.currents[level]),
+                "safe share at the level": float(safe[:, level].mean()),
+            }
+        )
+    return rows
+
+
+def _errors(case: LayeredCylinder, lengths: EdgeLengths, step: float, bulge: float) -> Row:
+    start = time.process_time()
+    found = cylinder_errors(case, lengths, step, bulge)
+    row: Row = {"unknowns": found.unknowns, "CPU s": round(time.process_time() - start, 1)}
+    for name, values in (("V", found.potential), ("AF", found.activating)):
+        row |= {f"{name} r={r:g} %": round(100 * float(v), 3) for r, v in zip(RADII, values, strict=True)}
+    row["reciprocity"] = found.solution.reciprocity_error
+    row["current"] = found.solution.current_error
+    return row
+
+
+def _solve_cord(lengths: EdgeLengths, step: float) -> tuple[LeadField, Row]:
+    anatomy, start, wall = Anatomy(), time.process_time(), time.perf_counter()
+    mesh = cord_mesh(anatomy, cord_section(anatomy, lengths), step)
+    conductivity = cord_conductivity(anatomy, mesh, conductivity_table({}))
+    solution = solve(mesh, conductivity, cord_contacts(anatomy, mesh), SETTINGS.tolerance)
+    row: Row = {
+        "unknowns": solution.unknowns,
+        "iterations": solution.iterations,
+        "CPU s": round(time.process_time() - start, 1),
+        "wall s": round(time.perf_counter() - wall, 1),
+        "peak MB": _peak(),
+        "reciprocity": solution.reciprocity_error,
+        "current": solution.current_error,
+    }
+    return as_lead_field(mesh, anatomy, solution), row
+
+
+def _traverse(field: LeadField) -> Traversal:
+    anatomy = Anatomy()
+    low, high = anatomy.place("L1", end=False), anatomy.place("S2", end=True)
+    activating = sample(field, low, high, SETTINGS.sample_spacing, SETTINGS.sample_slices)
+    currents = np.array(SETTINGS.currents)
+    return traverse(
+        activating, districts(anatomy), enumerate_configurations(), currents, SETTINGS.safety_threshold
+    )
+
+
+def _peak() -> int:
+    """Peak memory of the process so far, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+
+
+PARTS: dict[str, Callable[[], list[Row]]] = {
+    "cylinder": cylinder, "convergence": convergence, "traversal": traversal, "meshes": meshes,
+}  # fmt: skip
+
+
+def main() -> None:
+    """Run the chosen parts and print one table each."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--part", choices=list(PARTS), action="append", help="may be repeated; default: all")
+    parser.add_argument("--write", action="store_true", help="write reports/benchmarks/spinal.json")
+    arguments = parser.parse_args()
+    results = {}
+    for name in arguments.part or list(PARTS):
+        results[name] = PARTS[name]()
+        print(f"\n{(PARTS[name].__doc__ or name).splitlines()[0]}")
+        for row in results[name]:
+            cells = (f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items())
+            print("  " + " | ".join(cells))
+    if arguments.write:
+        path = Path("reports/benchmarks/spinal.json")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
