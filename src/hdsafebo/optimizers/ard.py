@@ -80,21 +80,22 @@ def fit_ard(
         max_iterations: of L-BFGS-B.
 
     Raises:
-        SurrogateError: no admissible point was found, not even the start.
+        SurrogateError: the covariance has no Cholesky factor, not even at the start without an earlier fit.
     """
     d = x.shape[1]
     limits = np.log([*[model.length_scale] * d, model.noise, model.scale])
-    theta = np.clip(_start(model, d, start), limits[:, 0], limits[:, 1])
     result = minimize(
         lambda t: _loss(t, x, y, model)[:2],
-        theta,
+        np.clip(_start(model, d, start), limits[:, 0], limits[:, 1]),
         jac=True,
         method="L-BFGS-B",
         bounds=limits,
         options={"maxiter": max_iterations},
     )
     loss, _, mean = _loss(result.x, x, y, model)
-    if not np.isfinite(loss):
+    if loss >= _NO_FACTOR:
+        if start is not None:
+            return fit_ard(x, y, model, None, max_iterations)
         raise SurrogateError(
             f"covariance of {len(x)} points in {d} dimensions has no Cholesky factor at any scale tried"
         )
@@ -120,6 +121,9 @@ def _start(model: ArdModel, d: int, start: ArdFit | None) -> FloatArray:
     return np.log([*[0.5] * d, 5e-3, 1.0])
 
 
+_NO_FACTOR = 1e10
+"""Loss where the covariance cannot be factorised: finite, so that a line search turns back."""
+
 _NOISE_LOCATION = -4.0
 """Location of the log-normal noise prior, whose spread is 1 (Hvarfner et al. 2024)."""
 
@@ -140,7 +144,7 @@ def _loss(
     signal.flat[:: n + 1] += noise
     factor, failed = lapack.dpotrf(signal, lower=1, clean=1)
     if failed:
-        return np.inf, np.zeros_like(theta), 0.0
+        return _NO_FACTOR, np.zeros_like(theta), 0.0
     inverse, _ = lapack.dpotri(factor, lower=1)
     inverse = inverse + np.tril(inverse, -1).T
     row_sums = inverse.sum(axis=1)

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from collections.abc import Mapping
+from copy import copy
+from typing import Any
 
-from hdsafebo.kernel import exact_distances, fast_distances
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
+
+from hdsafebo.errors import SurrogateError
+from hdsafebo.kernel import fast_distances
 from hdsafebo.optimizers.ard import ArdFit, ArdModel, correlation, fit_ard
 from hdsafebo.problem import FloatArray
 
 _FEATURES = 1024
 """Random Fourier features of a prior sample; the data correct it exactly (Wilson et al. 2020)."""
+_NUGGET = 1e-6
+"""Of the signal variance, added to believed points so that near ones stay factorisable."""
+_JITTERS = (0.0, 1e-8, 1e-6, 1e-4)
+_COLD_ITERATIONS = 100
+_WARM_ITERATIONS = 20
+"""Steps of a fit that starts from the last one: what is missing then follows in the next rounds."""
 
 
 class ArdProcess:
@@ -39,13 +51,12 @@ class ArdProcess:
         self.x, self.y, self.model = x, y, model
         self.shift = float(y.mean())
         spread = float(y.std(ddof=1)) if len(y) > 1 else 0.0
-        self.unit = spread if spread > 0 else 1.0
+        self.unit = spread if spread > 1e-12 * abs(self.shift) else 1.0
         standard = (y - self.shift) / self.unit
-        self.fit = fit_ard(x, standard, model, start) if fit is None else fit
+        steps = _COLD_ITERATIONS if start is None else _WARM_ITERATIONS
+        self.fit = fit_ard(x, standard, model, start, steps) if fit is None else fit
         self._scaled = x / self.fit.length_scales
-        covariance = self._covariance(self._scaled, exact=True)
-        covariance.flat[:: len(x) + 1] += self.fit.noise
-        self._factor = cho_factor(covariance, lower=True)
+        self._factor = self._factorise()
         self._residual = standard - self.fit.mean
         self._alpha = cho_solve(self._factor, self._residual)
 
@@ -90,29 +101,48 @@ class ArdProcess:
         return np.asarray(self._back(samples).T)
 
     def believing(self, q: FloatArray) -> ArdProcess:
-        """The process given its own mean at the (r, d) points `q` as well (the "kriging believer")."""
+        """The process as if its mean had been observed, without noise, at the (r, d) points `q` as well.
+
+        This is the "kriging believer" of Ginsbourger, Le Riche and Carraro (2010); the factor is extended.
+        """
         if not len(q):
             return self
-        more = ArdProcess.__new__(ArdProcess)
-        more.x, more.y, more.model, more.fit = np.vstack([self.x, q]), self.y, self.model, self.fit
-        more.shift, more.unit = self.shift, self.unit
-        more._scaled = more.x / self.fit.length_scales
-        covariance = more._covariance(more._scaled, exact=True)
-        covariance.flat[:: len(more.x) + 1] += self.fit.noise
-        more._factor = cho_factor(covariance, lower=True)
-        believed = self._covariance(q / self.fit.length_scales).T @ self._alpha
-        more._residual = np.concatenate([self._residual, believed])
-        more._alpha = cho_solve(more._factor, more._residual)
+        scaled = q / self.fit.length_scales
+        cross = self._covariance(scaled)
+        half = solve_triangular(self._factor[0], cross, lower=True)
+        corner = self.fit.scale * correlation(fast_distances(scaled, scaled) ** 2, self.model.kernel)
+        corner.flat[:: len(q) + 1] = (1.0 + _NUGGET) * self.fit.scale
+        n, r = cross.shape
+        factor = np.zeros((n + r, n + r))
+        factor[:n, :n], factor[n:, :n] = np.tril(self._factor[0]), half.T
+        factor[n:, n:] = cholesky(corner - half.T @ half, lower=True)
+        more = copy(self)
+        more.x, more._scaled = np.vstack([self.x, q]), np.vstack([self._scaled, scaled])
+        more._factor = (factor, True)
+        more._residual = np.concatenate([self._residual, cross.T @ self._alpha])
+        # A believed mean carries no information on the mean elsewhere.
+        more._alpha = np.concatenate([self._alpha, np.zeros(r)])
         return more
+
+    def _factorise(self) -> tuple[FloatArray, bool]:
+        """Cholesky factor of the data's covariance, with as little jitter as it takes."""
+        covariance = self._covariance(self._scaled)
+        for jitter in _JITTERS:
+            covariance.flat[:: len(covariance) + 1] = self.fit.noise + (1.0 + jitter) * self.fit.scale
+            try:
+                factor, lower = cho_factor(covariance, lower=True)
+            except LinAlgError:
+                continue
+            return factor, lower
+        raise SurrogateError(f"covariance of {len(covariance)} points has no Cholesky factor")
 
     def _back(self, standard: FloatArray) -> FloatArray:
         """Standardised residuals in units of the outcome."""
         return np.asarray(self.shift + self.unit * (self.fit.mean + standard))
 
-    def _covariance(self, scaled: FloatArray, *, exact: bool = False) -> FloatArray:
+    def _covariance(self, scaled: FloatArray) -> FloatArray:
         """(n, r) covariance of the data with points that are divided by the length scales already."""
-        distances = (exact_distances if exact else fast_distances)(self._scaled, scaled)
-        return self.fit.scale * correlation(distances**2, self.model.kernel)
+        return self.fit.scale * correlation(fast_distances(self._scaled, scaled) ** 2, self.model.kernel)
 
     def _slope(self, squared: FloatArray, cross: FloatArray) -> FloatArray:
         """s such that the gradient of the covariance in the query is s * (data - query), scaled units."""
@@ -125,3 +155,35 @@ class ArdProcess:
         """(r, d) sum_i weighted_ij (data_i - query_j), in units of the inputs."""
         pulled = weighted.T @ self._scaled - weighted.sum(axis=0)[:, None] * scaled
         return np.asarray(pulled / self.fit.length_scales)
+
+
+class WarmStart:
+    """The last fit of every modelled function, from which the next one starts; plain arrays for saving."""
+
+    def __init__(self) -> None:
+        self._fits: dict[str, ArdFit] = {}
+
+    def process(self, name: str, x: FloatArray, y: FloatArray, model: ArdModel) -> ArdProcess:
+        """The process of a function, fitted from where its last fit ended."""
+        start = self._fits.get(name)
+        if start is not None and len(start.length_scales) != x.shape[1]:
+            start = None
+        process = ArdProcess(x, y, model, start=start)
+        self._fits[name] = process.fit
+        return process
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Hyper-parameters by name: length scales, then noise, scale, mean and density."""
+        return {
+            f"fit.{name}": np.array([*fit.length_scales, fit.noise, fit.scale, fit.mean, fit.log_density])
+            for name, fit in self._fits.items()
+        }
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, NDArray[Any]]) -> WarmStart:
+        """The fits that `arrays` gave."""
+        warm = cls()
+        for key, values in arrays.items():
+            if key.startswith("fit."):
+                warm._fits[key.removeprefix("fit.")] = ArdFit(values[:-4].copy(), *values[-4:].tolist())
+        return warm

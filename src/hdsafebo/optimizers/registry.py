@@ -44,6 +44,23 @@ METHODS: dict[str, Method] = {
     "hdsafebo_beta4": Method("hdsafebo", "HdSafeBO", {"beta": 4.0}),
     "hdsafebo_beta8": Method("hdsafebo", "HdSafeBO", {"beta": 8.0}),
     "hdsafebo_beta16": Method("hdsafebo", "HdSafeBO", {"beta": 16.0}),
+    # baselines of the paper
+    "linebo": Method("linebo", "LineBO"),
+    "scbo": Method("scbo", "Scbo"),
+    "config": Method("config", "Config"),
+    "cei": Method("cei", "Cei"),
+    "cei_prob": Method("cei", "CeiProb"),
+    "cmaes": Method("cmaes", "CmaEs"),
+    "cmaes_centre": Method("cmaes", "CmaEs", {"start": "centre"}),
+    "safeopt": Method("safeopt", "SafeOpt"),
+    # without regard to safety
+    "turbo": Method("turbo", "Turbo"),
+    "hesbo": Method("hesbo", "Hesbo"),
+    "baxus": Method("baxus", "Baxus"),
+    # controls without a model
+    "sobol": Method("sobol", "Sobol"),
+    "local_random": Method("local_random", "LocalRandom"),
+    "random_lowest": Method("random_lowest", "RandomLowest"),
 }
 """Every method. A name with the suffix `_original` is the same method on the problem's own inputs."""
 
