@@ -77,8 +77,12 @@ def test_the_file_is_that_of_the_pool_although_a_worker_is_killed(tmp_path: Path
 def test_a_cluster_without_workers_is_an_error_and_no_hang(
     tmp_path: Path, cluster: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hdsafebo.campaign.cluster._NO_WORKERS_S", 3)
-    killer = in_mid_run(tmp_path / "root", lambda: [worker.kill() for worker in cluster.workers])
+    def kill_all() -> None:
+        monkeypatch.setattr("hdsafebo.campaign.cluster._NO_WORKERS_S", 3)
+        for worker in cluster.workers:
+            worker.kill()
+
+    killer = in_mid_run(tmp_path / "root", kill_all)
     with pytest.raises(CampaignError, match="no worker for 3 s; finished rounds are kept"):
         compute(tmp_path / "root", seconds=0.3, where={"scheduler": cluster.address})
     killer.join()

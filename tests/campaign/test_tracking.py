@@ -15,6 +15,7 @@ import pytest
 
 from hdsafebo.campaign.provenance import digest_paths, git_state, stage_dependencies
 from hdsafebo.campaign.tracking import default_uri, flatten, track_stage
+from hdsafebo.errors import ParamsError
 
 PARAMS = {"tasks": {"synthetic": {"budget": {"trials": 30}}}, "methods": {"sobol": {}}}
 # What the libraries below MLflow will stop to support is not ours to mend.
@@ -116,6 +117,15 @@ def test_a_failing_stage_is_a_failed_run(project: Path) -> None:
     client = MlflowClient(tracking_uri=default_uri(project))
     run = client.search_runs([client.get_experiment_by_name("pipeline").experiment_id])[0]
     assert (run.info.status, run.info.run_name) == ("FAILED", "solve_lead_field")
+
+
+@pytest.mark.usefixtures("local_store")
+def test_refused_parameters_leave_no_run(project: Path) -> None:
+    from mlflow.tracking import MlflowClient
+
+    with pytest.raises(ParamsError), track_stage("optimize", {}, project):
+        raise ParamsError("methods: no block 'x'")
+    assert MlflowClient(tracking_uri=default_uri(project)).get_experiment_by_name("pipeline") is None
 
 
 class Broken(http.server.BaseHTTPRequestHandler):

@@ -1,4 +1,4 @@
-"""How far the runs of a campaign are: small files that workers write and the campaign's process reads.
+"""How far the runs of a campaign are: small files that its workers and its leading process exchange.
 
 Files rather than a queue: a worker that is killed cannot leave a lock behind, and workers of a cluster
 need nothing but the file system that they share anyway.
@@ -6,6 +6,7 @@ need nothing but the file system that they share anyway.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -15,25 +16,45 @@ from hdsafebo.campaign.run_spec import RunSpec
 from hdsafebo.progress import Advance
 
 _STOP = "stop"
+_LEADER = "leader"
+_LEADER_SILENCE_S = 120.0
 
 
 class Beacon:
-    """A run's end: tells how many trials are done, and hears that the campaign was stopped."""
+    """A run's end: tells how many trials are done, and hears whether the campaign is still led.
+
+    Without the latter, a worker of a cluster would finish a run for a campaign that was killed long ago, and
+    keep it from the campaign that was started in its place.
+    """
 
     def __init__(self, spec: RunSpec) -> None:
         self.seed = spec.seed
         self._directory = Path(spec.progress)
+        self._leader: str | None = None
+        self._leader_seen = time.monotonic()
 
     def report(self, trials: int) -> None:
         """Say how many trials are done.
 
         Raises:
-            CampaignError: the campaign was stopped.
+            CampaignError: the campaign was stopped, or its leading process is gone.
         """
+        self._check_leader()
         if (self._directory / _STOP).exists():
             raise CampaignError(f"run {self.seed} was stopped as another one failed; its rounds are kept")
         with suppress(OSError):  # a sign of life is not worth a run
             (self._directory / str(self.seed)).write_text(str(trials))
+
+    def _check_leader(self) -> None:
+        try:
+            leader = (self._directory / _LEADER).read_text()
+        except OSError:
+            return  # a directory that is not shared: nothing to know
+        now = time.monotonic()
+        if leader != self._leader:
+            self._leader, self._leader_seen = leader, now
+        elif now - self._leader_seen > _LEADER_SILENCE_S:
+            raise CampaignError(f"run {self.seed}: the campaign's process is gone; the run's rounds are kept")
 
 
 class ProgressWatcher:
@@ -50,9 +71,13 @@ class ProgressWatcher:
         self._done = dict.fromkeys(seeds, 0)
         self._advance = advance
         self._finished = 0
+        self._polls = 0
 
     def poll(self) -> None:
-        """Read how far the runs are."""
+        """Read how far the runs are, and show that this process lives."""
+        self._polls += 1
+        with suppress(OSError):
+            (self._directory / _LEADER).write_text(str(self._polls))
         for seed in self._done:
             with suppress(OSError, ValueError):  # not there yet, or just being written
                 self._set(seed, int((self._directory / str(seed)).read_text()))

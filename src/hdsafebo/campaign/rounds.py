@@ -30,6 +30,7 @@ from hdsafebo.problem import Trials
 
 _KEY_LENGTH = 24
 _LOCK_POLL_S = 0.2
+_PATIENCE_S = 180.0  # longer than a worker goes on for a campaign that was killed (see `progress`)
 _ROUND_PREFIX = "round-"
 _STATE_PREFIX = "state-"
 _OUTCOME = "outcome"
@@ -78,7 +79,7 @@ class RunJournal:
     """
 
     def __init__(
-        self, directory: Path, name: str, identity: Mapping[str, object], *, patience_s: float = 60.0
+        self, directory: Path, name: str, identity: Mapping[str, object], *, patience_s: float = _PATIENCE_S
     ) -> None:
         self.directory = directory / f"{name}-{digest_json(identity)[:_KEY_LENGTH]}"
         self._log = Journal(self.directory / "rounds.log")

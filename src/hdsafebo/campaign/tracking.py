@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from hdsafebo.campaign.provenance import digest_json, digest_paths, git_state, stage_dependencies
+from hdsafebo.errors import ParamsError
 
 if TYPE_CHECKING:
     from mlflow.tracking import MlflowClient
@@ -130,6 +131,11 @@ class Tracker:
         """Close the run as 'FINISHED' or 'FAILED'; a stage that logged nothing gets its run here."""
         self._guard(lambda client: client.set_terminated(self._run, status))
 
+    def abandon(self) -> None:
+        """Close the run as 'FAILED' if it was begun; parameters that are refused at once are no run."""
+        if self._client is not None:
+            self.finish("FAILED")
+
     def _guard(self, write: Callable[[MlflowClient], None]) -> None:
         """Do `write`; whatever goes wrong in it ends the tracking of this stage, and only that."""
         if not self.enabled:
@@ -224,11 +230,15 @@ def track_stage(
         enabled: False tracks nothing and imports nothing.
 
     Yields:
-        The tracker; its run ends as FAILED when the block raises, and the exception passes on.
+        The tracker; its run ends as FAILED when the block raises (refused parameters leave no run), and the
+        exception passes on.
     """
     tracker = Tracker(name, params, root, enabled=enabled)
     try:
         yield tracker
+    except ParamsError:
+        tracker.abandon()
+        raise
     except BaseException:
         tracker.finish("FAILED")
         raise
