@@ -32,8 +32,8 @@ class SpinalMesh(Block):
         step: distance of the slices along cord and paddle.
     """
 
-    cord: Positive = 0.5
-    contacts: Positive = 0.25
+    cord: Positive = 0.4
+    contacts: Positive = 0.2
     largest: Positive = 4.0
     step: Positive = 0.5
 
@@ -72,8 +72,82 @@ class Spinal(Block):
         return self
 
 
+class HandScene(Block):
+    """Model and episode.
+
+    Attributes:
+        variant: forearm (43 muscles, 23 joints) or extended (55 muscles, 28 joints, as in the paper).
+        roll: rotation of the fixed upper arm, rad; it sets how far the forearm must pronate.
+        horizon: control steps of 20 ms per episode.
+    """
+
+    variant: Literal["forearm", "extended"] = "extended"
+    roll: Annotated[float, Field(ge=0, le=1.4)] = 1.2
+    horizon: Count = 120
+
+
+class HandSac(Block):
+    """Training of the agents whose activations carry the synergies.
+
+    Attributes:
+        settings: observation settings; one agent each.
+        steps: control steps per agent.
+        width: units of each of the two hidden layers.
+        train_every: control steps between updates.
+        updates: gradient steps per update.
+        seed: of all agents.
+    """
+
+    settings: Annotated[list[Literal["full", "posture", "bottle", "touch"]], Field(min_length=1)] = [
+        "full",
+        "bottle",
+    ]
+    steps: Annotated[int, Field(ge=600)] = 20_000
+    width: Count = 128
+    train_every: Count = 4
+    updates: Count = 2
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class HandRollouts(Block):
+    """Episodes of all checkpoints of all agents, with exploration.
+
+    Attributes:
+        episodes: number of episodes.
+        seed: of the exploration.
+    """
+
+    episodes: Annotated[int, Field(ge=2)] = 200
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class HandSynergies(Block):
+    """Components of the activations, and what random policies over them do.
+
+    Attributes:
+        count: synergies of the latent space.
+        box: limit of the size of each weight of a policy over synergies.
+        landing_limit: landing speed up to which a policy counts as safe, m/s (paper, appendix).
+        random_policies: policies drawn from the box that show how hard the task is.
+        reference_policies: those of them whose observations give the kernel its metric.
+        seed: of the random policies.
+    """
+
+    count: Annotated[int, Field(ge=1, le=10)] = 5
+    box: Positive = 3.0
+    landing_limit: Positive = 4.4
+    random_policies: Annotated[int, Field(ge=2)] = 200
+    reference_policies: Annotated[int, Field(ge=2)] = 50
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
 class Hand(Block):
     """Musculoskeletal hand: model, environment, rollouts and synergies."""
+
+    scene: HandScene = HandScene()
+    sac: HandSac = HandSac()
+    rollouts: HandRollouts = HandRollouts()
+    synergies: HandSynergies = HandSynergies()
 
 
 class Embeddings(Block):
@@ -226,8 +300,25 @@ class SyntheticTask(Block):
     methods: list[str]
 
 
+HandSafety = Literal["landing_speed", "no_drop", "handling_speed"]
+
+
 class HandProblem(Block):
-    """What the optimisers see of the hand."""
+    """What the optimisers see of the hand (`problems/hand.py` defines the safety functions).
+
+    Attributes:
+        handling_limit: of `handling_speed`, m/s.
+        reported: safety functions that decide whether a trial was safe.
+        modelled: safety functions that the methods model.
+        modelled_local: those that hdsafebo_local and its variants model.
+        directions: directions of observations in the kernel of hdsafebo_local.
+    """
+
+    handling_limit: Positive = 1.0
+    reported: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
+    modelled: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
+    modelled_local: Annotated[list[HandSafety], Field(min_length=1)] = ["no_drop"]
+    directions: Count = 8
 
 
 class HandTask(Block):

@@ -26,7 +26,11 @@ def moment_arms(hand: HandModel, samples: int = 0) -> np.ndarray:
         data.qpos[:joints] = rng.uniform(lower, upper) if row else 0.0
         mujoco.mj_forward(model, data)
         mujoco.mju_sparse2dense(
-            dense, data.actuator_moment.reshape(-1), data.moment_rownnz, data.moment_rowadr, data.moment_colind.reshape(-1)
+            dense,
+            data.actuator_moment.reshape(-1),
+            data.moment_rownnz,
+            data.moment_rowadr,
+            data.moment_colind.reshape(-1),
         )
         arms[row] = -1e3 * dense[:, :joints]
     return arms
@@ -52,7 +56,11 @@ def test_sizes_are_those_of_the_paper() -> None:
 
 def test_digest_names_the_model() -> None:
     assert hand_model("extended").digest == hand_model.__wrapped__("extended").digest
-    digests = {hand_model("extended").digest, hand_model("forearm").digest, hand_model("extended", 1.0).digest}
+    digests = {
+        hand_model("extended").digest,
+        hand_model("forearm").digest,
+        hand_model("extended", 1.0).digest,
+    }
     assert len(digests) == 3
 
 
@@ -140,20 +148,29 @@ def test_added_muscles_act_as_published(
     assert values.max() <= limits[1]
 
 
-def test_adductor_is_a_stronger_flexor_than_the_other_thenar_muscles(extended: HandModel, arms: np.ndarray) -> None:
+def test_adductor_is_a_stronger_flexor_than_the_other_thenar_muscles(
+    extended: HandModel, arms: np.ndarray
+) -> None:
     flexion = -arms[0, :, extended.joints.index("cmc_flexion")]
-    torque = {name: flexion[i] * extended.mj.actuator(f"{name}_r").gainprm[2] for i, name in enumerate(extended.muscles)}
+    torque = {
+        name: flexion[i] * extended.mj.actuator(f"{name}_r").gainprm[2]
+        for i, name in enumerate(extended.muscles)
+    }
     assert min(torque["ADPo"], torque["ADPt"]) > max(torque[name] for name in ("APB", "FPBs", "FPBd", "OP"))
 
 
 @pytest.mark.parametrize(("head", "parent"), [("PTu", "PT"), ("FCUu", "FCU"), ("PQd", "PQ")])
-def test_second_heads_of_the_forearm_follow_the_first(extended: HandModel, arms: np.ndarray, head: str, parent: str) -> None:
+def test_second_heads_of_the_forearm_follow_the_first(
+    extended: HandModel, arms: np.ndarray, head: str, parent: str
+) -> None:
     one, other = (arms[:, extended.muscles.index(name)] for name in (head, parent))
     assert np.abs(one - other).max() < 2.5
 
 
-def test_first_dorsal_interosseus_pulls_the_index_towards_the_thumb(extended: HandModel, arms: np.ndarray) -> None:
-    """Both heads abduct the index finger (Infantolino & Challis, J Anat 216:463-469, 2010) with the knuckle straight."""
+def test_first_dorsal_interosseus_pulls_the_index_towards_the_thumb(
+    extended: HandModel, arms: np.ndarray
+) -> None:
+    """Both heads abduct the straight index finger (Infantolino & Challis, J Anat 216:463-469, 2010)."""
     abduction = arms[0, :, extended.joints.index("mcp2_abduction")]
     for name in ("DI1b", "RI2"):
         assert 3 < abduction[extended.muscles.index(name)] < 12
@@ -162,7 +179,10 @@ def test_first_dorsal_interosseus_pulls_the_index_towards_the_thumb(extended: Ha
 def test_finger_tendons_cross_only_the_joints_of_their_own_ray(extended: HandModel, arms: np.ndarray) -> None:
     flexion4, flexion5 = (arms[:, :, extended.joints.index(f"cmc{ray}_flexion")] for ray in (4, 5))
     at = extended.muscles.index
-    for own, flexion, other in ((("FDS4", "FDP4"), flexion4, flexion5), (("FDS5", "FDP5"), flexion5, flexion4)):
+    for own, flexion, other in (
+        (("FDS4", "FDP4"), flexion4, flexion5),
+        (("FDS5", "FDP5"), flexion5, flexion4),
+    ):
         for name in own:
             assert flexion[:, at(name)].min() > 2
             assert np.abs(other[:, at(name)]).max() < 1e-9

@@ -13,7 +13,14 @@ from hdsafebo.hand import start_pose as module
 from hdsafebo.hand.bottle import BOTTLE
 from hdsafebo.hand.model import hand_model
 from hdsafebo.hand.observation import tilt
-from hdsafebo.hand.start_pose import BOTTLE_HEIGHT, MAX_PENETRATION, check_start_pose, placed_model, reset, start_pose
+from hdsafebo.hand.start_pose import (
+    BOTTLE_HEIGHT,
+    MAX_PENETRATION,
+    check_start_pose,
+    placed_model,
+    reset,
+    start_pose,
+)
 
 
 @pytest.mark.parametrize("variant", ["forearm", "extended"])
@@ -56,5 +63,7 @@ def test_bad_poses_are_recognised() -> None:
 
 def test_no_candidate_is_a_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "candidates", lambda: iter([((0.3, 0.3, 0.3), 0.06)]))
-    with pytest.raises(HandModelError, match=r"no start pose holds the bottle in the hand 'forearm'.*0 contact points"):
+    with pytest.raises(
+        HandModelError, match=r"no start pose holds the bottle in the hand 'forearm'.*0 contact points"
+    ):
         module._search(hand_model("forearm"))

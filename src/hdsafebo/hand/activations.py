@@ -1,9 +1,8 @@
-"""The data that synergies are fitted to: activations of trained agents of all skills, and their learning curves."""
+"""Activations of trained agents of all skills, which synergies are fitted to, and learning curves."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,67 +27,79 @@ class Agent:
     actor: Actor
 
 
-def agents_of(trained: list[Trained]) -> list[Agent]:
+def agents_of(trained: Sequence[Trained]) -> list[Agent]:
     """All checkpoints of all agents, by setting and training step."""
-    return [Agent(f"{t.setting}/{step}", t.setting, t.actors[step]) for t in trained for step in sorted(t.actors)]
+    return [
+        Agent(f"{t.setting}/{step}", t.setting, t.actors[step]) for t in trained for step in sorted(t.actors)
+    ]
 
 
-def collect_activations(
-    scene: Scene, agents: list[Agent], episodes: int, seed: int, executor: Executor, advance: Callable[[], object] = lambda: None
-) -> pd.DataFrame:
-    """Activations in episodes of the agents, taken in turn, with time-correlated exploration.
+@dataclass(frozen=True)
+class Exploration:
+    """One episode to run: plain data, so that it can run in any process.
+
+    Attributes:
+        scene: hand and horizon.
+        agent: who acts.
+        seed: of all episodes.
+        episode: number of this one; its exploration comes from the generator (seed, episode).
+    """
+
+    scene: Scene
+    agent: Agent
+    seed: int
+    episode: int
+
+
+def explorations(scene: Scene, agents: Sequence[Agent], episodes: int, seed: int) -> list[Exploration]:
+    """Episodes of the agents, taken in turn."""
+    return [Exploration(scene, agents[e % len(agents)], seed, e) for e in range(episodes)]
+
+
+def explore(job: Exploration) -> NDArray[np.float32]:
+    """(steps, muscles) activations of an episode with time-correlated exploration."""
+    rng = np.random.default_rng((job.seed, job.episode))
+    return _run(job.scene, job.agent, rng)[1]
+
+
+def activation_table(blocks: Sequence[NDArray[np.float32]], muscles: Sequence[str]) -> pd.DataFrame:
+    """One row per control step: `episode`, `step` (int32) and one float32 column per muscle.
 
     Args:
-        scene: hand and horizon.
-        agents: who acts.
-        episodes: number of episodes.
-        seed: episode e explores with the generator (seed, e).
-        executor: spreads the episodes over its workers; the result does not depend on their number.
-        advance: called after each episode.
-
-    Returns:
-        One row per control step: `episode`, `step` (int32) and one float32 column per muscle.
+        blocks: (steps, muscles) activations per episode.
+        muscles: names of the columns.
     """
-    jobs = [(scene, agents[episode % len(agents)], seed, episode) for episode in range(episodes)]
-    blocks = []
-    for block in executor.map(_episode, jobs):
-        blocks.append(block)
-        advance()
     lengths = [len(block) for block in blocks]
-    table = pd.DataFrame(np.concatenate(blocks), columns=list(scene.simulation().hand.muscles))
-    table.insert(0, "episode", np.repeat(np.arange(episodes, dtype=np.int32), lengths))
+    table = pd.DataFrame(np.concatenate(list(blocks)), columns=list(muscles))
+    table.insert(0, "episode", np.repeat(np.arange(len(blocks), dtype=np.int32), lengths))
     table.insert(1, "step", np.concatenate([np.arange(length, dtype=np.int32) for length in lengths]))
     return table
 
 
-def learning_curve(trained: list[Trained]) -> pd.DataFrame:
+def learning_curve(trained: Sequence[Trained]) -> pd.DataFrame:
     """One row per training episode: `setting`, `step`, `total_reward`, `dropped`."""
     return pd.concat(
-        [pd.DataFrame({"setting": t.setting, "step": t.step, "total_reward": t.total_reward, "dropped": t.dropped}) for t in trained],
+        [
+            pd.DataFrame(
+                {"setting": t.setting, "step": t.step, "total_reward": t.total_reward, "dropped": t.dropped}
+            )
+            for t in trained
+        ],
         ignore_index=True,
     )
 
 
-def mean_episode(scene: Scene, agent: Agent) -> tuple[float, NDArray[np.float64]]:
-    """Total reward, and (steps, muscles) excitations, of an episode of an agent's mean actions."""
-    total, _, excitations = _run(scene, agent, None)
-    return total, excitations
+def best_agent(scene: Scene, agents: Sequence[Agent]) -> tuple[Agent, NDArray[np.float64]]:
+    """The agent whose mean actions return most, and the (steps, muscles) excitations of that episode."""
+    episodes = [_run(scene, agent, None) for agent in agents]
+    best = int(np.argmax([total for total, _, _ in episodes]))
+    return agents[best], episodes[best][2]
 
 
-def best_agent(scene: Scene, agents: list[Agent]) -> Agent:
-    """The agent whose mean actions return most."""
-    returns: Mapping[str, float] = {agent.name: mean_episode(scene, agent)[0] for agent in agents}
-    return max(agents, key=lambda agent: returns[agent.name])
-
-
-def _episode(job: tuple[Scene, Agent, int, int]) -> NDArray[np.float32]:
-    """(steps, muscles) activations of one exploring episode."""
-    scene, agent, seed, episode = job
-    return _run(scene, agent, np.random.default_rng((seed, episode)))[1]
-
-
-def _run(scene: Scene, agent: Agent, rng: np.random.Generator | None) -> tuple[float, NDArray[np.float32], NDArray[np.float64]]:
-    """Total reward, activations and excitations of one episode; without a generator the actions are the means."""
+def _run(
+    scene: Scene, agent: Agent, rng: np.random.Generator | None
+) -> tuple[float, NDArray[np.float32], NDArray[np.float64]]:
+    """Total reward, activations and excitations of an episode; without a generator, of mean actions."""
     simulation = scene.simulation()
     columns = simulation.observer.columns(agent.setting)
     observation = simulation.reset()
@@ -103,10 +114,15 @@ def _run(scene: Scene, agent: Agent, rng: np.random.Generator | None) -> tuple[f
         step = simulation.step(excitation)
         excitations.append(excitation)
         if step.failure is not None:
+            total = -np.inf
             break
         total += step.reward.total
         activations.append(simulation.data.act.astype(np.float32))
         observation = step.observation
         if step.ended:
             break
-    return total, np.array(activations, np.float32).reshape(-1, len(simulation.hand.muscles)), np.array(excitations)
+    return (
+        total,
+        np.array(activations, np.float32).reshape(-1, len(simulation.hand.muscles)),
+        np.array(excitations),
+    )

@@ -73,15 +73,25 @@ class Actor:
             raise HandModelError("actor has weights that are not finite")
         width = None
         for weight, bias in (*actor.hidden, actor.mean):
-            if weight.ndim != 2 or bias.shape != weight.shape[:1] or (width is not None and weight.shape[1] != width):
-                raise HandModelError(f"actor layers do not fit: weight {weight.shape}, bias {bias.shape}, {width} inputs")
+            if (
+                weight.ndim != 2
+                or bias.shape != weight.shape[:1]
+                or (width is not None and weight.shape[1] != width)
+            ):
+                raise HandModelError(
+                    f"actor layers do not fit: weight {weight.shape}, bias {bias.shape}, {width} inputs"
+                )
             width = weight.shape[0]
         return actor
 
 
 def save_actors(path: Path, actors: Mapping[str, Actor], digest: str) -> None:
     """Write named actors of one hand (`full/20000`: observation setting and training steps)."""
-    tensors = {f"{name}/{key}": np.ascontiguousarray(value) for name, actor in actors.items() for key, value in actor.tensors().items()}
+    tensors = {
+        f"{name}/{key}": np.ascontiguousarray(value)
+        for name, actor in actors.items()
+        for key, value in actor.tensors().items()
+    }
     save_file(tensors, path, metadata={"hand": digest})
 
 

@@ -2,63 +2,50 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 
 BOTTLE = "bottle"
+BOTTLE_SHAPE = "bottle_body"
 BOTTLE_WELD = "hold_bottle"
 
-
-@dataclass(frozen=True)
-class Bottle:
-    """Size and surface of the bottle: those of a half-litre plastic bottle, full.
-
-    Attributes:
-        radius: of the capsule, m.
-        length: from end to end, m.
-        mass: kg, spread uniformly.
-        friction: sliding (-), torsional (m) and rolling (m) coefficients.
-    """
-
-    radius: float = 0.03
-    length: float = 0.21
-    mass: float = 0.5
-    friction: tuple[float, float, float] = (0.5, 0.01, 0.0005)
+RADIUS = 0.03
+"""m; radius, length and mass are those of a full half-litre plastic bottle."""
+LENGTH = 0.21
+"""m, from end to end."""
+MASS = 0.5
+"""kg, spread uniformly."""
+FRICTION = (0.5, 0.01, 0.0005)
+"""Sliding (-), torsional (m) and rolling (m) coefficients of skin on plastic."""
 
 
-def add_bottle(spec: mujoco.MjSpec, bottle: Bottle) -> None:
+def add_bottle(spec: mujoco.MjSpec) -> None:
     """Add the free bottle, and an inactive weld that holds it in the air while the hand closes.
 
     The bottle's axis is the z axis of its body, the cap on the positive side. It touches the arm and
     nothing else, so every contact of the simulation is one between arm and bottle.
-
-    Args:
-        spec: model to edit.
-        bottle: its size and surface.
     """
-    half = bottle.length / 2 - bottle.radius
+    half = LENGTH / 2 - RADIUS
     body = spec.worldbody.add_body(name=BOTTLE, pos=[0.0, 0.0, 2.0])
     body.add_freejoint(name="bottle_free")
     body.add_geom(
-        name="bottle_body",
+        name=BOTTLE_SHAPE,
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        size=[bottle.radius, half, 0.0],
-        mass=bottle.mass,
+        size=[RADIUS, half, 0.0],
+        mass=MASS,
         rgba=[0.2, 0.5, 0.9, 0.6],
         contype=0,
         conaffinity=1,
         condim=4,
         priority=1,  # the bottle's friction, not the larger of the two surfaces'
-        friction=list(bottle.friction),
+        friction=list(FRICTION),
         solref=[0.008, 1.0],
         solimp=[0.95, 0.99, 0.001, 0.5, 2.0],
     )
     body.add_geom(
         name="bottle_cap",
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=[bottle.radius / 2, 0.012, 0.0],
-        pos=[0.0, 0.0, bottle.length / 2 + 0.01],
+        size=[RADIUS / 2, 0.012, 0.0],
+        pos=[0.0, 0.0, LENGTH / 2 + 0.01],
         mass=0.0,
         rgba=[0.9, 0.2, 0.1, 1.0],
         contype=0,

@@ -24,8 +24,8 @@ class BottleHandEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     Actions in [-1, 1] are muscle excitations of (a + 1) / 2, one per muscle. The episode ends when the
     bottle drops below 0.4 m, and is cut at the horizon. `info` holds the terms of the reward
-    (`reward/pose`, ...), `tilt`, `bottle_speed`, `peak_contact_speed`, `dropped`, `on_forearm`, and
-    `failure`: the reason when the simulation diverged (the episode then ends with a reward of -100), else None.
+    (`reward/pose`, ...), `tilt`, `bottle_speed`, `peak_contact_speed`, `dropped`, `in_forearm`, and
+    `failure`: None, or why the simulation diverged (the episode then ends with a reward of -100).
 
     Args:
         variant: which hand, `forearm` or `extended`.
@@ -50,10 +50,14 @@ class BottleHandEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.render_mode = render_mode
         self._renderer: Any = None
         self.action_space = gym.spaces.Box(-1.0, 1.0, (self.simulation.model.nu,), np.float32)
-        self.observation_space = gym.spaces.Box(-OBSERVATION_LIMIT, OBSERVATION_LIMIT, (len(self._columns),), np.float32)
+        self.observation_space = gym.spaces.Box(
+            -OBSERVATION_LIMIT, OBSERVATION_LIMIT, (len(self._columns),), np.float32
+        )
         self._last: Observation = np.zeros(len(self._columns), np.float32)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; the start pose is always the same."""
         super().reset(seed=seed)
         self._last = self._shown(self.simulation.reset())
@@ -67,7 +71,7 @@ class BottleHandEnv(gym.Env[Observation, NDArray[np.float32]]):
             "bottle_speed": self.simulation.bottle_speed,
             "peak_contact_speed": self.simulation.peak_contact_speed,
             "dropped": step.dropped,
-            "on_forearm": step.on_forearm,
+            "in_forearm": step.in_forearm,
             "failure": step.failure,
         }
         if step.failure is not None:

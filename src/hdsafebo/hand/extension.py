@@ -6,7 +6,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.hand.extension_table import JOINTS, MUSCLES, OPPONENS_AREA, REATTACHED, SPECIFIC_TENSION, AddedMuscle, Point
+from hdsafebo.hand.extension_table import (
+    JOINTS,
+    MUSCLES,
+    OPPONENS_AREA,
+    REATTACHED,
+    SPECIFIC_TENSION,
+    AddedMuscle,
+    Point,
+)
 
 LENGTH_SAMPLES = 4000
 _DAMPING = 0.05  # N m s/rad, as MyoHand's finger joints
@@ -76,7 +84,9 @@ def _add_muscle(spec: mujoco.MjSpec, frames: _ZeroPose, muscle: AddedMuscle) -> 
     for number, place in enumerate(muscle.path, start=1):
         if isinstance(place, Point):
             site = f"{muscle.name}-P{number}_r"
-            spec.body(place.body).add_site(name=site, pos=frames.point(place.body, place.position), size=[0.001, 0, 0], group=3)
+            spec.body(place.body).add_site(
+                name=site, pos=frames.point(place.body, place.position), size=[0.001, 0, 0], group=3
+            )
             tendon.wrap_site(site)
         else:
             tendon.wrap_site(place.site)
@@ -88,10 +98,21 @@ def _add_muscle(spec: mujoco.MjSpec, frames: _ZeroPose, muscle: AddedMuscle) -> 
     else:
         assert muscle.area is not None
         force = SPECIFIC_TENSION * muscle.area
-    actuator = spec.add_actuator(name=f"{muscle.name}_r", trntype=mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
+    actuator = spec.add_actuator(
+        name=f"{muscle.name}_r", trntype=mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name
+    )
     # Activation dynamics and force-length-velocity curve of MyoHand's hand muscles.
     actuator.set_to_muscle(
-        timeconst=[0.01, 0.04], tausmooth=0, range=[0.75, 1.05], force=force, scale=200, lmin=0.5, lmax=1.6, vmax=1.5, fpmax=1.3, fvmax=1.2
+        timeconst=[0.01, 0.04],
+        tausmooth=0,
+        range=[0.75, 1.05],
+        force=force,
+        scale=200,
+        lmin=0.5,
+        lmax=1.6,
+        vmax=1.5,
+        fpmax=1.3,
+        fvmax=1.2,
     )
     actuator.ctrllimited = True
     actuator.ctrlrange = [0.0, 1.0]

@@ -99,7 +99,9 @@ MUSCLES: tuple[AddedMuscle, ...] = (
         (
             Point("scaphoid_r", (0.533, 0.022, 0.158), "tubercle of the scaphoid"),
             Point("firstmc_r", (0.558, 0.0455, 0.146), "over the radial side of OP"),
-            Point("proximal_thumb_r", (0.581, 0.0600, 0.1445), "radial side of the base of the proximal phalanx"),
+            Point(
+                "proximal_thumb_r", (0.581, 0.0600, 0.1445), "radial side of the base of the proximal phalanx"
+            ),
         ),
         _JACOBSON,
         area=0.68,
@@ -109,7 +111,11 @@ MUSCLES: tuple[AddedMuscle, ...] = (
         (
             Point("trapezium_r", (0.541, 0.020, 0.155), "flexor retinaculum and tubercle of the trapezium"),
             Point("firstmc_r", (0.563, 0.040, 0.142), "over the palmar side of OP"),
-            Point("proximal_thumb_r", (0.581, 0.0560, 0.1425), "radial sesamoid and base of the proximal phalanx"),
+            Point(
+                "proximal_thumb_r",
+                (0.581, 0.0560, 0.1425),
+                "radial sesamoid and base of the proximal phalanx",
+            ),
         ),
         _JACOBSON + "; half of FPB (assumption)",
         area=0.33,
@@ -127,8 +133,12 @@ MUSCLES: tuple[AddedMuscle, ...] = (
     AddedMuscle(
         "ADPo",
         (
-            Point("capitate_r", (0.549, 0.010, 0.165), "capitate and bases of the second and third metacarpals"),
-            Point("proximal_thumb_r", (0.582, 0.0450, 0.147), "ulnar sesamoid and base of the proximal phalanx"),
+            Point(
+                "capitate_r", (0.549, 0.010, 0.165), "capitate and bases of the second and third metacarpals"
+            ),
+            Point(
+                "proximal_thumb_r", (0.582, 0.0450, 0.147), "ulnar sesamoid and base of the proximal phalanx"
+            ),
         ),
         _JACOBSON + "; half of ADP (assumption)",
         area=0.97,
@@ -137,7 +147,9 @@ MUSCLES: tuple[AddedMuscle, ...] = (
         "ADPt",
         (
             Point("thirdmc_r", (0.575, 0.0095, 0.169), "palmar border of the third metacarpal"),
-            Point("proximal_thumb_r", (0.583, 0.0440, 0.148), "ulnar side of the base of the proximal phalanx"),
+            Point(
+                "proximal_thumb_r", (0.583, 0.0440, 0.148), "ulnar side of the base of the proximal phalanx"
+            ),
         ),
         _JACOBSON + "; half of ADP (assumption)",
         area=0.97,
@@ -157,7 +169,9 @@ MUSCLES: tuple[AddedMuscle, ...] = (
         (
             Point("hamate_r", (0.545, -0.002, 0.157), "hook of the hamate and flexor retinaculum"),
             Point("fifthmc_r", (0.572, -0.015, 0.152), "palmar side of the fifth metacarpal"),
-            Point("5proxph_r", (0.600, -0.0160, 0.1535), "palmar-ulnar side of the base of the proximal phalanx"),
+            Point(
+                "5proxph_r", (0.600, -0.0160, 0.1535), "palmar-ulnar side of the base of the proximal phalanx"
+            ),
         ),
         _JACOBSON,
         area=0.54,
@@ -174,7 +188,9 @@ MUSCLES: tuple[AddedMuscle, ...] = (
     AddedMuscle(
         "DI1b",
         (
-            Point("firstmc_r", (0.560, 0.0370, 0.157), "ulnar border of the first metacarpal (superficial head)"),
+            Point(
+                "firstmc_r", (0.560, 0.0370, 0.157), "ulnar border of the first metacarpal (superficial head)"
+            ),
             Point("2proxph_r", (0.608, 0.0350, 0.180), "radial side of the base of the proximal phalanx"),
         ),
         "two heads of equal force (assumption) of MyoHand's RI2",
@@ -253,7 +269,7 @@ JOINTS: tuple[AddedJoint, ...] = (
         (-0.4126, 0.8735, 0.2596),
         (-0.17, 0.35),
         "abduction (radial)",
-        "axis: Hollister et al., Clin Orthop 320:188-193, 1995, perpendicular to flexion; range: an assumption",
+        "axis, perpendicular to flexion: Hollister et al., Clin Orthop 320:188-193, 1995; range: assumed",
     ),
     AddedJoint(
         "cmc_rotation_r",

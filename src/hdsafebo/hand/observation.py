@@ -23,7 +23,15 @@ CONTROL_INTERVAL = 0.02
 """s between decisions of the policy; joint velocities are seen as angle per interval."""
 
 _POSITION, _VELOCITY, _SPIN = 5.0, 0.2, 0.05  # per m, s/m, s
-_BOTTLE_PARTS = (("displacement", 3), ("velocity", 3), ("spin", 3), ("axis", 3), ("righting", 2), ("from_palm", 3), ("constant", 1))
+_BOTTLE_PARTS = (
+    ("displacement", 3),
+    ("velocity", 3),
+    ("spin", 3),
+    ("axis", 3),
+    ("righting", 2),
+    ("from_palm", 3),
+    ("constant", 1),
+)
 _INTERPHALANGEAL = ("ip_", "pm", "md")
 
 SETTINGS: Mapping[str, tuple[str, ...]] = {
@@ -32,7 +40,7 @@ SETTINGS: Mapping[str, tuple[str, ...]] = {
     "bottle": tuple(name for name, _ in _BOTTLE_PARTS),
     "touch": ("angle", "joint_velocity", "from_palm", "constant"),
 }
-"""Observation settings: which parts an agent in training sees ("different observation setting", paper, appendix)."""
+"""Which parts an agent in training sees (the "different observation setting" of the paper's appendix)."""
 
 
 class Observer:
@@ -45,7 +53,9 @@ class Observer:
 
     def __init__(self, hand: HandModel, model: mujoco.MjModel, start: FloatArray) -> None:
         self._joints = len(hand.joints)
-        self._moving = np.array([i for i, name in enumerate(hand.joints) if not name.startswith(_INTERPHALANGEAL)])
+        self._moving = np.array(
+            [i for i, name in enumerate(hand.joints) if not name.startswith(_INTERPHALANGEAL)]
+        )
         self._bottle = model.body(BOTTLE).id
         self._palm = [model.body(name).id for name in PALM_BODIES]
         self._start = start.copy()
@@ -98,7 +108,7 @@ def tilt(axis: FloatArray) -> float:
 
 
 def righting_rotation(axis: FloatArray) -> FloatArray:
-    """(2,) horizontal rotation vector, rad, that would bring the axis upright; zero upside down, where it has no direction."""
+    """(2,) horizontal rotation vector, rad, that would right the axis; zero where the axis points down."""
     horizontal = np.hypot(axis[0], axis[1])
     if horizontal < 1e-9:
         return np.zeros(2)

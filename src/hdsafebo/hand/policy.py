@@ -32,7 +32,10 @@ class PolicySpace:
 
     def __post_init__(self) -> None:
         if self.base.ndim != 1 or self.basis.ndim != 2 or self.basis.shape[1] != len(self.base):
-            raise HandModelError(f"base {self.base.shape} and basis {self.basis.shape} do not fit; expected (muscles,) and (rows, muscles)")
+            raise HandModelError(
+                f"base {self.base.shape} and basis {self.basis.shape} do not fit; "
+                "expected (muscles,) and (rows, muscles)"
+            )
         if not (np.isfinite(self.base).all() and np.isfinite(self.basis).all()):
             raise HandModelError("base or basis of the policies is not finite")
 
@@ -61,10 +64,14 @@ class PolicySpace:
         values = np.asarray(parameters, float)
         if values.ndim != 2 or values.shape[1] != self.dimension:
             raise HandModelError(
-                f"policies have shape {values.shape}; expected (n, {self.dimension}): {len(self.basis)} x {self.observations} weights each"
+                f"policies have shape {values.shape}; expected (n, {self.dimension}): "
+                f"{len(self.basis)} x {self.observations} weights each"
             )
-        if not np.isfinite(values).all():
-            raise HandModelError(f"policies {np.flatnonzero(~np.isfinite(values).all(1)).tolist()[:10]} have weights that are not finite")
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            raise HandModelError(
+                f"policies {np.flatnonzero(~finite).tolist()[:10]} have weights that are not finite"
+            )
         return values.reshape(-1, len(self.basis), self.observations)
 
     def to_original(self, parameters: FloatArray) -> FloatArray:

@@ -24,8 +24,8 @@ class Reward:
     """The terms, before the weights that the paper's formula gives them.
 
     Attributes:
-        pose: -3.5 times the tilt (rad). While the bottle leans on the forearm the tilt counts as 90
-            degrees or more, and there is no bonus: wedging it between wrist and forearm is not holding it.
+        pose: -3.5 times the tilt (rad). While the bottle is in the place of the forearm, which it does not
+            touch, the tilt counts as 90 degrees or more.
         bonus: 2 for a tilt below 0.35 rad and 2 more below 0.15 rad.
         penalty: 1 when the bottle is more than 0.2 m from where it started.
         grasp: -5 times the distance of bottle and palm (m).
@@ -45,14 +45,29 @@ class Reward:
     @property
     def total(self) -> float:
         """The reward r."""
-        return self.pose + self.bonus - 10 * self.penalty + self.grasp + 2 * self.survive - self.activation - 100 * self.drop
+        return (
+            self.pose
+            + self.bonus
+            - 10 * self.penalty
+            + self.grasp
+            + 2 * self.survive
+            - self.activation
+            - 100 * self.drop
+        )
 
     @classmethod
     def of(
-        cls, *, tilt: float, on_forearm: bool, displacement: float, palm_distance: float, mean_square_activation: float, dropped: bool
+        cls,
+        *,
+        tilt: float,
+        in_forearm: bool,
+        displacement: float,
+        palm_distance: float,
+        mean_square_activation: float,
+        dropped: bool,
     ) -> Reward:
         """The terms of a step; angles in rad, distances in m."""
-        credited = max(tilt, np.pi / 2) if on_forearm else tilt
+        credited = max(tilt, np.pi / 2) if in_forearm else tilt
         return cls(
             pose=-POSE_WEIGHT * credited,
             bonus=BONUS_WEIGHT * sum(credited < limit for limit in BONUS_TILTS),

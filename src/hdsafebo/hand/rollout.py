@@ -7,7 +7,7 @@ policy alone, so results are the same to the bit for any batch, order, executor 
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import cast
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hdsafebo.hand.model import Variant, hand_model
 from hdsafebo.hand.policy import PolicySpace
-from hdsafebo.hand.simulation import HORIZON, BottleSimulation
+from hdsafebo.hand.simulation import HORIZON, BottleSimulation, Step
 
 FloatArray = NDArray[np.float64]
 FINAL_STEPS = 20
@@ -58,7 +58,7 @@ class Episodes:
         handling_speed: (n,) largest speed of the bottle while something touched it, m/s.
         dropped: (n,) the bottle fell below 0.4 m.
         tilt: (n,) mean tilt over the last 20 steps, rad.
-        leaning: (n,) share of the last 20 steps in which the bottle touched the forearm.
+        overlapping: (n,) share of the last 20 steps in which the bottle was in the place of the forearm.
         steps: (n,) control steps.
         failures: (n,) why a simulation failed, or None.
     """
@@ -68,7 +68,7 @@ class Episodes:
     handling_speed: FloatArray
     dropped: NDArray[np.bool_]
     tilt: FloatArray
-    leaning: FloatArray
+    overlapping: FloatArray
     steps: NDArray[np.int64]
     failures: tuple[str | None, ...]
 
@@ -79,11 +79,13 @@ class Episodes:
 
     @property
     def upright(self) -> NDArray[np.bool_]:
-        """(n,) True where the bottle ended upright (tilt below 0.35 rad), in the hand, not against the forearm."""
-        return (self.tilt < UPRIGHT_TILT) & ~self.dropped & (self.leaning == 0) & ~self.failed
+        """(n,) True where the bottle ended upright (tilt below 0.35 rad) and held by the hand."""
+        return (self.tilt < UPRIGHT_TILT) & ~self.dropped & (self.overlapping == 0) & ~self.failed
 
 
-def evaluate_policies(scene: Scene, space: PolicySpace, parameters: FloatArray, executor: Executor | None = None) -> Episodes:
+def evaluate_policies(
+    scene: Scene, space: PolicySpace, parameters: FloatArray, executor: Executor | None = None
+) -> Episodes:
     """Run one episode per policy.
 
     Args:
@@ -96,8 +98,38 @@ def evaluate_policies(scene: Scene, space: PolicySpace, parameters: FloatArray, 
         HandModelError: policies of the wrong shape, or not finite.
     """
     jobs = [(scene, space, weights) for weights in space.weights(parameters)]
-    rows = list(map(_episode, jobs) if executor is None else executor.map(_episode, jobs))
+    rows = list(map(_outcome, jobs) if executor is None else executor.map(_outcome, jobs))
     return _collect(rows)
+
+
+def policy_excitations(scene: Scene, space: PolicySpace, parameters: FloatArray) -> FloatArray:
+    """(steps, muscles) excitations of one policy, (dimension,), in its episode: what pictures replay."""
+    weights = space.weights(np.atleast_2d(parameters))[0]
+    simulation = scene.simulation()
+    return np.array([excitation for _, excitation, _ in episode(simulation, space, weights)])
+
+
+def episode(
+    simulation: BottleSimulation, space: PolicySpace, weights: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray, Step]]:
+    """Run one episode of a policy, step by step.
+
+    Args:
+        simulation: is reset first.
+        space: how weights become excitations.
+        weights: (rows, observations).
+
+    Yields:
+        Observation, excitation and what came of it.
+    """
+    observation = simulation.reset()
+    while True:
+        excitation = space.excitation(weights, observation)
+        step = simulation.step(excitation)
+        yield observation, excitation, step
+        if step.ended:
+            return
+        observation = step.observation
 
 
 def _collect(rows: Sequence[tuple[float, float, float, bool, float, float, int, str | None]]) -> Episodes:
@@ -105,44 +137,36 @@ def _collect(rows: Sequence[tuple[float, float, float, bool, float, float, int, 
     if not rows:
         empty = np.empty(0)
         return Episodes(empty, empty, empty, np.empty(0, bool), empty, empty, np.empty(0, np.int64), ())
-    total, landing, handling, dropped, tilts, leaning, steps, failures = zip(*rows, strict=True)
+    total, landing, handling, dropped, tilts, overlapping, steps, failures = zip(*rows, strict=True)
     return Episodes(
         np.array(total),
         np.array(landing),
         np.array(handling),
         np.array(dropped, bool),
         np.array(tilts),
-        np.array(leaning),
+        np.array(overlapping),
         np.array(steps, np.int64),
         tuple(failures),
     )
 
 
-def _episode(job: tuple[Scene, PolicySpace, FloatArray]) -> tuple[float, float, float, bool, float, float, int, str | None]:
-    """One policy in one episode; the columns of `Episodes`."""
+def _outcome(
+    job: tuple[Scene, PolicySpace, FloatArray],
+) -> tuple[float, float, float, bool, float, float, int, str | None]:
+    """Outcome of one policy: the columns of `Episodes`."""
     scene, space, weights = job
     simulation = scene.simulation()
-    observation = simulation.reset()
-    total = 0.0
-    tilts: list[float] = []
-    leaning: list[bool] = []
-    while True:
-        step = simulation.step(space.excitation(weights, observation))
-        observation = step.observation
-        total += step.reward.total
-        tilts.append(step.tilt)
-        leaning.append(step.on_forearm)
-        if step.ended:
-            break
-    if step.failure is not None:
-        return np.nan, np.nan, np.nan, False, np.nan, np.nan, simulation.steps, step.failure
+    steps = [step for _, _, step in episode(simulation, space, weights)]
+    last = steps[-1]
+    if last.failure is not None:
+        return np.nan, np.nan, np.nan, False, np.nan, np.nan, simulation.steps, last.failure
     return (
-        total,
+        sum(step.reward.total for step in steps),
         simulation.bottle_speed,
         simulation.peak_contact_speed,
-        step.dropped,
-        float(np.mean(tilts[-FINAL_STEPS:])),
-        float(np.mean(leaning[-FINAL_STEPS:])),
+        last.dropped,
+        float(np.mean([step.tilt for step in steps[-FINAL_STEPS:]])),
+        float(np.mean([step.in_forearm for step in steps[-FINAL_STEPS:]])),
         simulation.steps,
         None,
     )

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.bottle import BOTTLE
-from hdsafebo.hand.model import FOREARM_BODIES, HandModel
+from hdsafebo.hand.bottle import BOTTLE, BOTTLE_SHAPE
+from hdsafebo.hand.model import FOREARM_SHAPES, HandModel
 from hdsafebo.hand.observation import CONTROL_INTERVAL, Observer, tilt
 from hdsafebo.hand.reward import Reward
 from hdsafebo.hand.start_pose import placed_model, reset, start_pose
@@ -22,9 +22,14 @@ DROP_HEIGHT = 0.4
 
 HORIZON = 120
 MAX_FALL_S = 1.0
+MAX_OVERLAP = 0.01
 MAX_BOTTLE_SPEED = 30.0
 MAX_JOINT_SPEED = 1000.0
-_BAD_STATE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+_BAD_STATE = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,7 @@ class Step:
         observation: (observations,) after the step.
         reward: the terms of the reward.
         tilt: of the bottle, rad.
-        on_forearm: the bottle touches the forearm.
+        in_forearm: the bottle is in the place of the forearm, deeper than flesh gives way.
         dropped: the bottle fell below 0.4 m in this step.
         ended: the episode is over: dropped, horizon reached, or the simulation failed.
         failure: why the simulation cannot be trusted, or None.
@@ -44,7 +49,7 @@ class Step:
     observation: FloatArray
     reward: Reward
     tilt: float
-    on_forearm: bool
+    in_forearm: bool
     dropped: bool
     ended: bool
     failure: str | None
@@ -74,8 +79,8 @@ class BottleSimulation:
         self._bottle = self.model.body(BOTTLE).id
         self._start = self.pose.qpos[-7:-4].copy()
         self.observer = Observer(hand, self.model, self._start)
-        forearm = {self.model.body(name).id for name in FOREARM_BODIES}
-        self._forearm_geoms = np.isin(self.model.geom_bodyid, list(forearm))
+        self._shape = self.model.geom(BOTTLE_SHAPE).id
+        self._forearm = [self.model.geom(name).id for name in FOREARM_SHAPES]
         self._substeps = round(CONTROL_INTERVAL / self.model.opt.timestep)
         self.reset()
 
@@ -101,9 +106,14 @@ class BottleSimulation:
         """
         values = np.asarray(excitation, float)
         if values.shape != (self.model.nu,):
-            raise HandModelError(f"excitations have shape {values.shape}; the hand {self.hand.variant!r} expects ({self.model.nu},)")
+            raise HandModelError(
+                f"excitations have shape {values.shape}; "
+                f"the hand {self.hand.variant!r} expects ({self.model.nu},)"
+            )
         if not np.isfinite(values).all():
-            raise HandModelError(f"excitation of {self.hand.muscles[int(np.argmin(np.isfinite(values)))]} is not finite")
+            raise HandModelError(
+                f"excitation of {self.hand.muscles[int(np.argmin(np.isfinite(values)))]} is not finite"
+            )
         data = self.data
         np.clip(values, 0.0, 1.0, out=data.ctrl)
         dropped = self._advance(self._substeps, in_free_fall=False)
@@ -114,17 +124,17 @@ class BottleSimulation:
         failure = self._failure()
         position = data.xpos[self._bottle]
         angle = tilt(data.xmat[self._bottle].reshape(3, 3)[:, 2])
-        on_forearm = bool(self._forearm_geoms[data.contact.geom].any()) if data.ncon else False
+        in_forearm = self._overlap_with_forearm() > MAX_OVERLAP
         reward = Reward.of(
             tilt=angle,
-            on_forearm=on_forearm,
+            in_forearm=in_forearm,
             displacement=float(np.linalg.norm(position - self._start)),
             palm_distance=float(np.linalg.norm(position - self.observer.palm(data))),
             mean_square_activation=float(np.mean(np.square(data.act))),
             dropped=dropped,
         )
         ended = dropped or last or failure is not None
-        return Step(self.observer.observe(data), reward, angle, on_forearm, dropped, ended, failure)
+        return Step(self.observer.observe(data), reward, angle, in_forearm, dropped, ended, failure)
 
     def _advance(self, substeps: int, *, in_free_fall: bool) -> bool:
         """Step the physics, watching the bottle after every step; True when it dropped.
@@ -149,15 +159,25 @@ class BottleSimulation:
                 self.peak_contact_speed = self.bottle_speed
         return False
 
+    def _overlap_with_forearm(self) -> float:
+        """How deep the bottle is within the shapes of the forearm, m; at most 0 without overlap."""
+        distances = [
+            mujoco.mj_geomDistance(self.model, self.data, geom, self._shape, MAX_OVERLAP, None)
+            for geom in self._forearm
+        ]
+        return -min(distances)
+
     def _failure(self) -> str | None:
         """Why the state is not physical, or None."""
         data = self.data
+        after = f"after {self.steps} control steps"
         for warning in _BAD_STATE:
             if data.warning[warning].number:
-                return f"diverged: MuJoCo reports {warning.name} after {self.steps} control steps"
+                return f"diverged: MuJoCo reports {warning.name} {after}"
         if self.bottle_speed > MAX_BOTTLE_SPEED:
-            return f"diverged: bottle at {self.bottle_speed:.0f} m/s after {self.steps} control steps"
-        fastest = int(np.argmax(np.abs(data.qvel[:-6])))
-        if abs(data.qvel[fastest]) > MAX_JOINT_SPEED:
-            return f"diverged: joint {self.hand.joints[fastest]} at {abs(data.qvel[fastest]):.0f} rad/s after {self.steps} control steps"
+            return f"diverged: bottle at {self.bottle_speed:.0f} m/s {after}"
+        speeds = np.abs(data.qvel[:-6])
+        if speeds.max() > MAX_JOINT_SPEED:
+            joint = self.hand.joints[int(speeds.argmax())]
+            return f"diverged: joint {joint} at {speeds.max():.0f} rad/s {after}"
         return None

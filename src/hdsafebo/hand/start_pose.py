@@ -32,7 +32,12 @@ PALM_ANGLE = -1.4
 
 _CLOSING_S, _SETTLING_S = 0.6, 0.1
 _THUMB_ASIDE = {"cmc_flexion": -0.065, "cmc_abduction": -0.277}
-_OFFSETS = ((-0.024, -0.001, 0.049), (-0.020, -0.001, 0.047), (-0.028, -0.001, 0.051), (-0.016, -0.001, 0.046))
+_OFFSETS = (
+    (-0.024, -0.001, 0.049),
+    (-0.020, -0.001, 0.047),
+    (-0.028, -0.001, 0.051),
+    (-0.016, -0.001, 0.046),
+)
 _ACTIVATIONS = (0.06, 0.04, 0.08, 0.02)
 
 
@@ -78,11 +83,13 @@ def _search(hand: HandModel) -> StartPose:
         if fault is None:
             return pose
         faults.append(f"offset {offset}, activation {activation}: {fault}")
-    raise HandModelError(f"no start pose holds the bottle in the hand {hand.variant!r}, roll {hand.roll}: " + "; ".join(faults))
+    raise HandModelError(
+        f"no start pose holds the bottle in the hand {hand.variant!r}, roll {hand.roll}: " + "; ".join(faults)
+    )
 
 
 def candidates() -> Iterator[tuple[tuple[float, float, float], float]]:
-    """Offsets of the bottle from the base of the middle finger (m) and flexor activations, best guess first."""
+    """Offsets of the bottle from the base of the middle finger (m) and flexor activations, best first."""
     return product(_OFFSETS, _ACTIVATIONS)
 
 
@@ -118,11 +125,13 @@ def check_start_pose(hand: HandModel, pose: StartPose) -> str | None:
         return f"{data.ncon} contact points; expected at least {MIN_CONTACTS}"
     depth = -float(data.contact.dist.min())
     if depth >= MAX_PENETRATION:
-        return f"bottle and hand overlap by {1e3 * depth:.2f} mm; expected less than {1e3 * MAX_PENETRATION} mm"
+        return (
+            f"bottle and hand overlap by {1e3 * depth:.2f} mm; expected less than {1e3 * MAX_PENETRATION} mm"
+        )
     mujoco.mj_step(model, data, nstep=round(0.1 / model.opt.timestep))
     speed = float(np.linalg.norm(data.qvel[-6:-3]))
     if data.ncon == 0 or speed > MAX_BOTTLE_SPEED:
-        return f"not held: {data.ncon} contacts and {speed:.2f} m/s after 0.1 s; expected at most {MAX_BOTTLE_SPEED} m/s"
+        return f"not held: {data.ncon} contacts, {speed:.2f} m/s; expected at most {MAX_BOTTLE_SPEED}"
     return None
 
 
@@ -134,7 +143,9 @@ def _close_hand(hand: HandModel, offset: tuple[float, float, float], activation:
     for name, angle in (kept | _THUMB_ASIDE).items():
         data.joint(f"{name}_r").qpos = angle
     mujoco.mj_forward(model, data)
-    bottle = np.concatenate([data.body("3proxph_r").xpos + np.array(offset), [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]])
+    bottle = np.concatenate(
+        [data.body("3proxph_r").xpos + np.array(offset), [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]]
+    )
     data.qpos[-7:] = bottle
     weld = model.equality(BOTTLE_WELD).id
     model.eq_data[weld, :11] = np.concatenate([np.zeros(3), _world_in_frame(bottle), [1.0]])
@@ -155,7 +166,9 @@ def _close_hand(hand: HandModel, offset: tuple[float, float, float], activation:
     qpos = data.qpos.copy()
     qpos[-5] += rise
     penetration = max(0.0, -float(data.contact.dist.min())) if data.ncon else 0.0
-    return StartPose(qpos, data.act.copy(), float(model.body(ARM_ROOT).pos[2]) + rise, penetration, int(data.ncon))
+    return StartPose(
+        qpos, data.act.copy(), float(model.body(ARM_ROOT).pos[2]) + rise, penetration, int(data.ncon)
+    )
 
 
 def _world_in_frame(pose: NDArray[np.float64]) -> NDArray[np.float64]:

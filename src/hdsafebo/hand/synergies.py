@@ -70,10 +70,15 @@ def fit_synergies(activations: pd.DataFrame, hand: HandModel, components: int = 
     if list(activations.columns) != expected:
         unknown = sorted(set(activations.columns) - set(expected))
         missing = sorted(set(expected) - set(activations.columns))
-        raise DatasetError(f"activations are not those of the hand {hand.variant!r}: unknown columns {unknown}, missing {missing}")
+        raise DatasetError(
+            f"activations are not those of the hand {hand.variant!r}: "
+            f"unknown columns {unknown}, missing {missing}"
+        )
     values = activations[list(hand.muscles)].to_numpy(np.float64)
     if len(values) <= len(hand.muscles):
-        raise DatasetError(f"{len(values)} rows of activations; expected more than the {len(hand.muscles)} muscles")
+        raise DatasetError(
+            f"{len(values)} rows of activations; expected more than the {len(hand.muscles)} muscles"
+        )
     if not (np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1):
         raise DatasetError("activations have values that are not in [0, 1]")
     pca = PCA(components, svd_solver="covariance_eigh").fit(values)
@@ -92,7 +97,9 @@ def fit_synergies(activations: pd.DataFrame, hand: HandModel, components: int = 
 def save_synergies(path: Path, synergies: Synergies) -> None:
     """Write a safetensors file, and beside it a JSON card with the names and shares for people to read."""
     card = {"variant": synergies.variant, "hand": synergies.digest, "muscles": list(synergies.muscles)}
-    arrays = {name: np.ascontiguousarray(getattr(synergies, name)) for name in ("mean", "components", "explained")}
+    arrays = {
+        name: np.ascontiguousarray(getattr(synergies, name)) for name in ("mean", "components", "explained")
+    }
     save_file(arrays, path, metadata={"card": json.dumps(card)})
     shares = {"variance_accounted_for": [round(float(v), 6) for v in synergies.explained]}
     path.with_suffix(".json").write_text(json.dumps(card | shares, indent=1) + "\n", encoding="utf-8")
@@ -107,10 +114,14 @@ def load_synergies(path: Path, hand: HandModel) -> Synergies:
     try:
         with safe_open(path, framework="numpy") as file:
             card = json.loads((file.metadata() or {})["card"])
-            mean, components, explained = (np.asarray(file.get_tensor(name), float) for name in ("mean", "components", "explained"))
+            mean, components, explained = (
+                np.asarray(file.get_tensor(name), float) for name in ("mean", "components", "explained")
+            )
             muscles, variant, digest = tuple(card["muscles"]), str(card["variant"]), str(card["hand"])
     except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
-        raise HandModelError(f"{path}: cannot be read as synergies: {type(error).__name__}: {error}") from None
+        raise HandModelError(
+            f"{path}: cannot be read as synergies: {type(error).__name__}: {error}"
+        ) from None
     if muscles != hand.muscles or digest != hand.digest:
         raise HandModelError(
             f"{path}: synergies of another hand: {variant!r}, {len(muscles)} muscles, model {digest[:12]}; "
@@ -118,7 +129,10 @@ def load_synergies(path: Path, hand: HandModel) -> Synergies:
         )
     n = len(components)
     if mean.shape != (len(muscles),) or components.shape != (n, len(muscles)) or explained.shape != (n,):
-        raise HandModelError(f"{path}: shapes {mean.shape}, {components.shape}, {explained.shape} do not fit {len(muscles)} muscles")
+        raise HandModelError(
+            f"{path}: shapes {mean.shape}, {components.shape}, {explained.shape} "
+            f"do not fit {len(muscles)} muscles"
+        )
     if not all(np.isfinite(a).all() for a in (mean, components, explained)):
         raise HandModelError(f"{path}: values that are not finite")
     return Synergies(mean, components, explained, muscles, variant, digest)

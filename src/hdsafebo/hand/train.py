@@ -1,10 +1,9 @@
-"""Trains soft actor-critic agents (Haarnoja et al., ICML 2018) on the bottle task, one per observation setting."""
+"""Trains soft actor-critic agents (Haarnoja et al., ICML 2018), one per observation setting."""
 
 from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -15,11 +14,23 @@ from numpy.typing import NDArray
 from hdsafebo.hand.actor import Actor
 from hdsafebo.hand.environment import BottleHandEnv
 from hdsafebo.hand.model import Variant
+from hdsafebo.hand.rollout import Scene
 
 CHECKPOINTS = (0.1, 0.25, 0.5, 0.75, 1.0)
 """Shares of the training after which the actor is kept: synergies come from agents of all skills."""
 
-_UNREPEATABLE = ["start_time", "ep_info_buffer", "ep_success_buffer", "_logger", "replay_buffer", "env", "_last_obs", "_last_original_obs"]
+PROGRESS_STEPS = 100
+
+_UNREPEATABLE = [
+    "start_time",
+    "ep_info_buffer",
+    "ep_success_buffer",
+    "_logger",
+    "replay_buffer",
+    "env",
+    "_last_obs",
+    "_last_original_obs",
+]
 
 
 @dataclass(frozen=True)
@@ -62,26 +73,46 @@ class Trained:
     dropped: NDArray[np.bool_]
 
 
-def train_agent(
-    variant: str, roll: float, setting: str, sac: SacSettings, seed: int, archive: Path, report: Callable[[int], None] | None = None
-) -> Trained:
-    """Train one agent.
+@dataclass(frozen=True)
+class Training:
+    """One agent to train: plain data, so that it can be trained in any process.
 
-    Args:
-        variant: which hand.
-        roll: of the arm, rad.
+    Attributes:
+        scene: hand and horizon.
         setting: which parts of the observation the agent sees.
         sac: size of the training.
         seed: of networks, exploration and replay.
-        archive: where the stable-baselines3 archive is written.
-        report: called with the number of steps done, now and then.
+        folder: where the stable-baselines3 archive `<setting>.zip` and the progress are written.
+    """
+
+    scene: Scene
+    setting: str
+    sac: SacSettings
+    seed: int
+    folder: Path
+
+    @property
+    def archive(self) -> Path:
+        """The stable-baselines3 archive."""
+        return self.folder / f"{self.setting}.zip"
+
+    @property
+    def progress(self) -> Path:
+        """A file that grows by one byte per `PROGRESS_STEPS` control steps."""
+        return self.folder / f"{self.setting}.progress"
+
+
+def train_agent(job: Training) -> Trained:
+    """Train one agent and write its archive.
+
+    The archive is for people who continue the training; nothing here reads it, since it holds pickled parts.
     """
     import torch
     from stable_baselines3 import SAC
     from stable_baselines3.common.callbacks import BaseCallback
 
     torch.set_num_threads(1)
-    checkpoints = {max(1, round(share * sac.steps)) for share in CHECKPOINTS}
+    checkpoints = {max(1, round(share * job.sac.steps)) for share in CHECKPOINTS}
     actors: dict[int, Actor] = {}
     episodes: list[tuple[int, float, bool]] = []
 
@@ -97,13 +128,15 @@ def train_agent(
                 self.total = 0.0
             if self.num_timesteps in checkpoints:
                 actors[self.num_timesteps] = actor_of(self.model)
-            if report is not None and (self.num_timesteps % 100 == 0 or self.num_timesteps == sac.steps):
-                report(self.num_timesteps)
+            if self.num_timesteps % PROGRESS_STEPS == 0:
+                with job.progress.open("ab") as file:
+                    file.write(b".")
             return True
 
+    sac = job.sac
     agent = SAC(
         "MlpPolicy",
-        BottleHandEnv(cast(Variant, variant), roll, setting=setting),
+        BottleHandEnv(cast(Variant, job.scene.variant), job.scene.roll, job.scene.horizon, job.setting),
         train_freq=sac.train_every,
         gradient_steps=sac.updates,
         learning_starts=sac.learning_starts,
@@ -111,15 +144,17 @@ def train_agent(
         buffer_size=sac.steps,
         use_sde=True,  # smooth exploration: muscles filter white noise away
         policy_kwargs={"net_arch": [sac.width, sac.width]},
-        seed=seed,
+        seed=job.seed,
         device="cpu",
     )
     agent.learn(sac.steps, callback=Recorder())
-    agent.save(archive, exclude=_UNREPEATABLE)
-    archive.write_bytes(without_times(archive.read_bytes()))
+    agent.save(job.archive, exclude=_UNREPEATABLE)
+    job.archive.write_bytes(without_times(job.archive.read_bytes()))
     columns = zip(*episodes, strict=True) if episodes else ((), (), ())
     step, total, dropped = columns
-    return Trained(setting, actors, np.array(step, np.int64), np.array(total, float), np.array(dropped, bool))
+    return Trained(
+        job.setting, actors, np.array(step, np.int64), np.array(total, float), np.array(dropped, bool)
+    )
 
 
 def actor_of(agent: Any) -> Actor:
@@ -138,7 +173,12 @@ def _array(tensor: Any) -> NDArray[np.float32]:
 def without_times(archive: bytes) -> bytes:
     """The same ZIP archive with all members dated 1980, so that equal trainings give equal files."""
     buffer = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(archive)) as source, zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as target:
+    with (
+        zipfile.ZipFile(io.BytesIO(archive)) as source,
+        zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as target,
+    ):
         for name in sorted(source.namelist()):
-            target.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), source.read(name), zipfile.ZIP_DEFLATED)
+            target.writestr(
+                zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), source.read(name), zipfile.ZIP_DEFLATED
+            )
     return buffer.getvalue()

@@ -1,0 +1,164 @@
+"""The hand task: linear policies that right a bottle and hold it (paper, section 5.2 and appendix).
+
+Objective: the sum of rewards of an episode. Safety functions:
+
+* `landing_speed` (the paper's, reported): minus the speed at which the bottle crosses 0.4 m, or that it has
+  at the end of the episode; threshold -4.4 m/s.
+* `no_drop`: 1 when the bottle was held to the end, else the share of the horizon that passed minus 1;
+  threshold 0. Held bottles end at about 0 m/s and dropped ones at 4.1 to 4.5 m/s, so the landing speed is
+  nearly binary and its threshold lies within the drops, where the speed says nothing about the policy: a
+  Gaussian process of it is blind. One of `no_drop` sees the boundary between the modes, and never dropping
+  implies a safe landing speed.
+* `handling_speed`: minus the largest speed of the bottle while something touches it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.reference import behaviour_map, load_moment
+from hdsafebo.hand.rollout import Scene, evaluate_policies
+from hdsafebo.hand.synergies import load_synergies
+from hdsafebo.params import HandProblem, Params
+from hdsafebo.problem import Evaluation, FloatArray, IntArray, Problem, Safety, Trials
+from hdsafebo.problems.registry import Codec, Task
+
+SYNERGY_FILE = "models/synergies/pca.safetensors"
+MOMENT_FILE = "models/synergies/observations.safetensors"
+_LOCAL = "hdsafebo_local"
+
+
+@dataclass(frozen=True)
+class SynergyCodec:
+    """The latent space of policies over synergies: codes W (rows x observations), inputs basis' W.
+
+    Attributes:
+        space: the policies over synergies; its basis has orthonormal rows.
+    """
+
+    space: PolicySpace
+
+    def decode(self, z: FloatArray) -> FloatArray:
+        """(n, D) policies with one row per muscle."""
+        return self.space.to_original(z)
+
+    def encode(self, x: FloatArray) -> FloatArray:
+        """(n, d) codes; of the part that lies in the span of the synergies."""
+        rows = np.asarray(x, float).reshape(len(x), -1, self.space.observations)
+        return np.einsum("km,nmo->nko", self.space.basis, rows).reshape(len(x), -1)
+
+
+class HandPolicies(Problem):
+    """Linear policies of the hand, one weight per muscle and observation.
+
+    Args:
+        scene: hand and horizon.
+        synergies: the policies over synergies that initial trials are drawn from.
+        box: limit of the weights over synergies.
+        safety: the safety functions, as `safety_functions` gives them.
+        features: kernel inputs of policies, or None for the weights themselves.
+    """
+
+    name = "hand"
+
+    def __init__(
+        self,
+        scene: Scene,
+        synergies: PolicySpace,
+        box: float,
+        safety: tuple[Safety, ...],
+        features: Callable[[FloatArray], FloatArray] | None = None,
+    ) -> None:
+        self.scene = scene
+        self.codec = SynergyCodec(synergies)
+        self.space = PolicySpace.original(synergies.base, synergies.observations)
+        self.box = box
+        self.safety = safety
+        self.features = features
+        reach = box * np.repeat(np.abs(synergies.basis).sum(axis=0), synergies.observations)
+        self.bounds = np.stack([-reach, reach])  # what the box over synergies reaches
+
+    def evaluate(self, trials: Trials) -> Evaluation:
+        """One episode per policy; a simulation that diverges is a failed evaluation."""
+        outcome = evaluate_policies(self.scene, self.space, trials.x)
+        columns = {
+            "landing_speed": -outcome.landing_speed,
+            "no_drop": np.where(outcome.dropped, outcome.steps / self.scene.horizon - 1.0, 1.0),
+            "handling_speed": -outcome.handling_speed,
+        }
+        safety = np.stack([columns[function.name] for function in self.safety], axis=1)
+        return Evaluation(outcome.total_reward, safety, outcome.failed)
+
+    def initial(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
+        """Policies drawn uniformly from the box over synergies."""
+        codes = rng.uniform(-self.box, self.box, (n, self.codec.space.dimension))
+        return self.codec.decode(codes), np.full(n, -1)
+
+
+def safety_functions(
+    settings: HandProblem, landing_limit: float, modelled: Sequence[str]
+) -> tuple[Safety, ...]:
+    """The safety functions of the task; those in `modelled` get a Gaussian process."""
+    thresholds = {
+        "landing_speed": -landing_limit,
+        "no_drop": 0.0,
+        "handling_speed": -settings.handling_limit,
+    }
+    return tuple(
+        Safety(name, limit, modelled=name in modelled, reported=name in settings.reported)
+        for name, limit in thresholds.items()
+    )
+
+
+def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) -> Task:
+    """The hand task; see `problems.registry.make_task`. Nothing in it depends on the seed."""
+    hand, settings = params.hand, params.tasks.hand.problem
+    scene = Scene(hand.scene.variant, hand.scene.roll, hand.scene.horizon)
+    simulation = scene.simulation()
+    synergies = load_synergies(root / SYNERGY_FILE, simulation.hand)
+    space = PolicySpace(synergies.mean, synergies.first(hand.synergies.count), simulation.observer.size)
+    local = method.startswith(_LOCAL)
+    features = None
+    if local:
+        features = behaviour_features(load_moment(root / MOMENT_FILE, simulation.hand), settings.directions)
+    problem = HandPolicies(
+        scene,
+        space,
+        hand.synergies.box,
+        safety_functions(
+            settings, hand.synergies.landing_limit, settings.modelled_local if local else settings.modelled
+        ),
+        features,
+    )
+    codec: Codec = problem.codec
+    limits = np.full(space.dimension, hand.synergies.box)
+    return Task(
+        problem=problem,
+        embedding=lambda initial: codec,
+        inputs=(SYNERGY_FILE, MOMENT_FILE) if local else (SYNERGY_FILE,),
+        latent_bounds=np.stack([-limits, limits]),
+    )
+
+
+def behaviour_features(moment: FloatArray, directions: int) -> Callable[[FloatArray], FloatArray]:
+    """Kernel inputs of policies: what their muscle drives are along the main directions of observations.
+
+    Args:
+        moment: (observations, observations) second moment of reference observations.
+        directions: leading directions that are kept.
+
+    Returns:
+        A linear map from (n, muscles * observations) policies to (n, muscles * directions).
+    """
+    matrix = behaviour_map(moment, directions)
+
+    def features(x: FloatArray) -> FloatArray:
+        rows = np.asarray(x, float).reshape(len(x), -1, len(matrix))
+        return np.asarray(rows @ matrix).reshape(len(x), -1)
+
+    return features
