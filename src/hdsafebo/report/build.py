@@ -125,8 +125,8 @@ def _leaders(results: Results) -> Table:
                 cells.append(Cell("–"))
                 continue
             e = results.estimate(task, leader.method, metric)
-            note = "significantly best" if leader.significant else "not significantly ahead of all"
-            cells.append(Cell(f"{style(leader.method).label} {with_error(e)}", note, leader.significant))
+            note = "significantly best" if leader.significant else "not ahead of all"
+            cells.append(Cell(style(leader.method).label, f"{with_error(e)}, {note}", leader.significant))
             record |= {
                 metric: leader.method,
                 f"{metric}_mean": e.mean,

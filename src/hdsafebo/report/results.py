@@ -16,6 +16,7 @@ from hdsafebo.report.series import Series, per_round, pool
 from hdsafebo.report.statistics import Comparison, Estimate, compare, estimate
 
 DIGITS = "digits"
+PAPER_ORDER = ("synthetic", "hand", "scs_st", "scs_ga")
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,9 @@ class Results:
 
     @cached_property
     def tasks(self) -> list[str]:
-        """Tasks that have a run file."""
-        return sorted({task for task, _ in self.runs})
+        """Tasks that have a run file, in the paper's order."""
+        first = {task: k for k, task in enumerate(PAPER_ORDER)}
+        return sorted({task for task, _ in self.runs}, key=lambda task: (first.get(task, len(first)), task))
 
     @cached_property
     def digit_tasks(self) -> list[str]:

@@ -81,9 +81,8 @@ def superiority(
         for baseline in baselines:
             variants = [m for m in (baseline, baseline + ORIGINAL) if m in ran]
             if method not in ran or not variants:
-                missing.add(
-                    f"{style(baseline).label} ({task_label(task)})" if method in ran else task_label(task)
-                )
+                where = f" ({task_label(task)})" if len(tasks) > 1 else ""
+                missing.add(f"{style(baseline).label}{where}" if method in ran else task_label(task))
             else:
                 comparisons |= {(task, m): results.compare(task, method, m, metric) for m in variants}
     comparisons = {key: c for key, c in comparisons.items() if c.pairs}

@@ -80,14 +80,17 @@ def field_map_figure(field_map: NDArray[np.float64], title: str) -> Figure:
     """One field map: rows along the cord, columns across."""
 
     def draw(ax: Any) -> None:
-        image = ax.imshow(field_map, cmap="Greys_r", interpolation="nearest", aspect="equal")
+        ax.imshow(field_map, cmap="Greys_r", interpolation="nearest", aspect="equal")
         ax.grid(visible=False)
         ax.set_xlabel("across (pixel)")
         ax.set_ylabel("along the cord, rostral first (pixel)")
-        ax.figure.colorbar(image, ax=ax, shrink=0.7)
 
-    caption = f"Field map of {title}: what an embedding encodes in place of contacts and current."
-    return Figure("field_map", caption, [[Panel(f"Field map of {title}", draw, inches=(3.0, 5.0))]])
+    low, high = float(field_map.min()), float(field_map.max())
+    caption = (
+        f"Field map of {title}: what an embedding encodes in place of contacts and current. "
+        f"Black is {low:.3g}, white {high:.3g}."
+    )
+    return Figure("field_map", caption, [[Panel(f"Field map of {title}", draw, inches=(2.6, 5.2))]])
 
 
 def synergy_figure(variance: pd.DataFrame) -> Figure:

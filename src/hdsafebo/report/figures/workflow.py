@@ -13,7 +13,7 @@ _BOXES = (
     # x, y, width, height, title, text
     (0.0, 2.35, 2.5, 1.3, "Trials", "inputs x (D up to thousands)\nobjective f(x), safety g(x)"),
     (3.3, 2.35, 2.5, 1.3, "Isometric embedding", "z = Π(x), |z − z′| = |x − x′|\nd coordinates"),
-    (6.6, 2.35, 2.5, 1.3, "Gaussian processes", "f: μ, σ     g: μ, σ\nrefitted every round"),
+    (6.6, 2.35, 2.5, 1.3, "Gaussian processes", "μ, σ of f and μ, σ of g,\nrefitted every round"),
     (0.0, 0.0, 2.5, 1.3, "Evaluate", "x = Π⁻¹(z) on the system\nthen SafeUpdate of the side l"),
     (
         3.3,
@@ -45,7 +45,9 @@ def workflow_figure() -> Figure:
         "shrinks the box."
     )
     return Figure(
-        "workflow", caption, [[Panel("Workflow of HdSafeBO: a loop of six steps", _draw, inches=(9.2, 3.9))]]
+        "workflow",
+        caption,
+        [[Panel("Workflow of HdSafeBO: a loop of six steps", _draw, inches=(9.6, 5.0), left=0.14)]],
     )
 
 
