@@ -24,6 +24,7 @@ def main(stage: Stage) -> None:
     settings = stage.params.spinal
     anatomy = Anatomy().overridden(settings.anatomy)
     field = LeadField.load(stage.path("data/spinal/lead_field.npz"))
+    field.require(anatomy)
     start = time.perf_counter()
     low, high = anatomy.place("L1", end=False), anatomy.place("S2", end=True)
     activating = sample(field, low, high, settings.sample_spacing, settings.sample_slices)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse import diags
 
+from hdsafebo.spinal.anatomy import Anatomy
 from hdsafebo.spinal.lead_field import LeadField, Solution
 from hdsafebo.spinal.solver import LeadFieldError, conjugate_gradients
 
@@ -92,3 +93,11 @@ def test_pickled_objects_are_never_loaded(coarse_field: LeadField, tmp_path: Pat
     np.savez(path, **dict(np.load(path)) | {"tissues": np.array([{"a": 1}], dtype=object)})
     with pytest.raises(LeadFieldError, match=r"not a lead field.*allow_pickle"):
         LeadField.load(path)
+
+
+def test_lead_fields_of_another_anatomy_are_refused(coarse_field: LeadField) -> None:
+    coarse_field.require(Anatomy())
+    with pytest.raises(LeadFieldError, match="other segments than the parameters have; solve them again"):
+        coarse_field.require(Anatomy().overridden({"length_L3": 12.0}))
+    with pytest.raises(LeadFieldError, match="other contacts"):
+        coarse_field.require(Anatomy().overridden({"paddle_rostral_edge": 30.0}))

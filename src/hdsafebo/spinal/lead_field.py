@@ -19,7 +19,9 @@ Array = NDArray[np.float64]
 
 MILLIVOLTS = 1e3
 _BATCH = 8  # contacts solved side by side; bounds the memory
-_ARRAYS = ("section_nodes", "triangles", "tissue", "tissues", "z", "x", "y", "contacts", "potential")
+_ARRAYS = (
+    "section_nodes", "triangles", "tissue", "tissues", "z", "x", "y", "contacts", "borders", "potential",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class LeadField:
         z: slices, mm, shape (slices,).
         x, y: nodes of each slice, mm, shape (slices, nodes).
         contacts: centres (x, z) in mm, shape (contacts, 2).
+        borders: of the cord's segments along z, mm, shape (segments + 1,).
         potential: mV per mA, shape (slices, nodes, contacts).
     """
 
@@ -45,6 +48,7 @@ class LeadField:
     x: Array
     y: Array
     contacts: Array
+    borders: Array
     potential: NDArray[np.floating]
 
     def save(self, path: Path) -> None:
@@ -80,6 +84,18 @@ class LeadField:
                     f"{path}: {name} has shape {value.shape}, expected {shape} of finite numbers"
                 )
         return found
+
+    def require(self, anatomy: Anatomy) -> None:
+        """Raise LeadFieldError unless segments and contacts are those that the field was solved with."""
+        for name, mine, wanted in (
+            ("segments", self.borders, anatomy.borders),
+            ("contacts", self.contacts, anatomy.contacts()),
+        ):
+            if mine.shape != wanted.shape or np.abs(mine - wanted).max() > 1e-9:
+                raise LeadFieldError(
+                    f"the lead fields were solved with other {name} than the parameters have; "
+                    "solve them again"
+                )
 
 
 @dataclass(frozen=True)
@@ -167,5 +183,5 @@ def as_lead_field(mesh: PrismMesh, anatomy: Anatomy, solution: Solution) -> Lead
     section = mesh.section
     return LeadField(
         section.nodes, section.triangles, section.tissue, np.array(section.tissues), mesh.z, mesh.x, mesh.y,
-        anatomy.contacts(), solution.potential * MILLIVOLTS,
+        anatomy.contacts(), anatomy.borders, solution.potential * MILLIVOLTS,
     )  # fmt: skip

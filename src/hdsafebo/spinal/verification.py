@@ -83,7 +83,7 @@ def cylinder_field(
     contacts = np.array([[0.0, (p.low + p.high) / 2] for p in patches])
     field = LeadField(
         section.nodes, section.triangles, section.tissue, np.array(section.tissues), z, mesh.x, mesh.y,
-        contacts, solution.potential * MILLIVOLTS,
+        contacts, np.array([0.0, cylinder.length]), solution.potential * MILLIVOLTS,
     )  # fmt: skip
     return field, solution
 
