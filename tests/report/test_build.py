@@ -204,3 +204,13 @@ def test_largest_profile_within_a_minute_and_15_mb(tmp_path: Path) -> None:
     build_report(tmp_path, profile="reference", git_revision=None, safety_threshold=0.05)
     assert time.process_time() - start <= 60
     assert (tmp_path / "reports/index.html").stat().st_size <= 15e6
+
+
+def test_pictures_of_the_hand_are_shown(tmp_path: Path) -> None:
+    folder = tmp_path / "data/rollouts"
+    folder.mkdir(parents=True)
+    (folder / "start_pose.png").write_bytes(b"\x89PNG picture")
+    build(tmp_path)
+    assert '<img src="data:image/png;base64,iVBORyBwaWN0dXJl" alt="start pose">' in page(tmp_path).replace(
+        "\n", ""
+    )

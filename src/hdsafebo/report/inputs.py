@@ -24,7 +24,7 @@ SYNERGIES = "models/synergies/pca.json"
 LEARNING = "data/rollouts/learning_curve.parquet"
 STIMULATION = "data/spinal/stimulation.parquet"
 TRAVERSAL = "data/spinal/traversal.json"
-HAND_FRAMES = "data/hand_frames"
+HAND_FRAMES = "data/rollouts"
 
 
 class Isometry(BaseModel):

@@ -79,16 +79,18 @@ def _selectivity_panel(
 def field_map_figure(field_map: NDArray[np.float64], title: str) -> Figure:
     """One field map: rows along the cord, columns across."""
 
+    # The contacts' own pixels are extreme; the scale is that of the field between them.
+    low, high = float(np.quantile(field_map, 0.05)), float(field_map.max())
+
     def draw(ax: Any) -> None:
-        ax.imshow(field_map, cmap="Greys_r", interpolation="nearest", aspect="equal")
+        ax.imshow(field_map, cmap="Greys_r", interpolation="nearest", aspect="equal", vmin=low, vmax=high)
         ax.grid(visible=False)
         ax.set_xlabel("across (pixel)")
         ax.set_ylabel("along the cord, rostral first (pixel)")
 
-    low, high = float(field_map.min()), float(field_map.max())
     caption = (
         f"Field map of {title}: what an embedding encodes in place of contacts and current. "
-        f"Black is {low:.3g}, white {high:.3g}."
+        f"Black is {low:.4g} and below, white {high:.4g}."
     )
     return Figure("field_map", caption, [[Panel(f"Field map of {title}", draw, inches=(2.6, 5.2))]])
 
