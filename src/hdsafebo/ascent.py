@@ -14,8 +14,7 @@ ValueAndGradient = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 _FIRST_STEP = 0.35
 _SHRINK = 0.88
-_NEAR_BORDER = 0.15
-_PUSH = 1.5
+_LONGEST_CORRECTION = 1.5
 _TINY = 1e-12
 
 
@@ -67,8 +66,8 @@ def ascend(
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Climb n functions at once, each from its own start, and keep the best safe point on each way.
 
-    Inside the safe set a step follows the gradient of the value; near its border without the part that leads
-    out; outside it is drawn back in. Steps shrink geometrically.
+    A step follows the gradient of the value, corrected so that the safety margin, taken as linear, does not
+    become negative. Steps shrink geometrically.
 
     Args:
         value: values and gradients, (n,) and (n, p), of the functions at (n, p) kernel inputs.
@@ -94,18 +93,26 @@ def ascend(
         safe = margin >= 0
         better = safe & (height > best_value)
         best[better], best_value[better] = u[better], height[better]
-        up, back = metric.normalised(metric.pull_back(uphill)), metric.normalised(metric.pull_back(inward))
-        u = _into_ball(u + step * _direction(up, back, margin, metric), centre, radius, metric)
+        move = step * metric.normalised(metric.pull_back(uphill))
+        u = _into_ball(u + _safe_step(move, margin, metric.pull_back(inward), metric), centre, radius, metric)
         step *= _SHRINK
     return best, np.isfinite(best_value)
 
 
-def _direction(uphill: FloatArray, inward: FloatArray, margin: FloatArray, metric: Metric) -> FloatArray:
-    """(n, d) where to step, from directions of length one and the (n,) safety margin."""
-    outward_part = np.minimum(metric.inner(uphill, inward), 0.0)
-    near = (margin < _NEAR_BORDER)[:, None]
-    direction = np.where(near, uphill - outward_part * inward, uphill)
-    return np.where((margin < 0)[:, None], direction + _PUSH * inward, direction)
+def _safe_step(step: FloatArray, margin: FloatArray, inward: FloatArray, metric: Metric) -> FloatArray:
+    """(n, d) steps, turned inwards as far as it takes for the linearised margin not to become negative.
+
+    Args:
+        step: (n, d) steps to correct.
+        margin: (n,) safety margins.
+        inward: (n, d) their gradients in the unit cube.
+        metric: in which a correction is at most 1.5 times as long as the step.
+    """
+    back = metric.normalised(inward)
+    rate = np.einsum("ij,ij->i", inward, back)
+    short = np.maximum(-(margin + np.einsum("ij,ij->i", inward, step)), 0.0)
+    length = np.minimum(short / np.maximum(rate, _TINY), _LONGEST_CORRECTION * metric.length(step)[:, 0])
+    return step + length[:, None] * back
 
 
 def _into_ball(u: FloatArray, centre: FloatArray, radius: FloatArray, metric: Metric) -> FloatArray:

@@ -13,8 +13,8 @@ from scipy.spatial.distance import cdist
 from hdsafebo.problem import FloatArray
 
 _SQRT5 = np.sqrt(5.0)
-_FARTHEST = 600.0
-"""Scaled distances are cut here: exp(-600) is 0 in effect, and the cut keeps infinity * 0 out."""
+_FARTHEST = 800.0
+"""Scaled distances are cut here: exp(-800) is 0, and the cut keeps infinity * 0 out."""
 
 
 def exact_distances(a: FloatArray, b: FloatArray) -> FloatArray:

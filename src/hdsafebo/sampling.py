@@ -18,7 +18,8 @@ _FREQUENCIES = 512
 
 def sobol_points(n: int, dimension: int, rng: np.random.Generator) -> FloatArray:
     """(n, d) points of a scrambled Sobol sequence in the unit cube."""
-    sequence = qmc.Sobol(dimension, scramble=True, rng=rng)
+    # A seed is drawn, since SciPy would spawn a child of `rng`, which saving its state would not remember.
+    sequence = qmc.Sobol(dimension, scramble=True, rng=int(rng.integers(2**63)))
     first = 1 << (n.bit_length() - 1)  # SciPy warns when a sequence does not start with a power of two
     points = sequence.random(first)
     return points if first == n else np.concatenate([points, sequence.random(n - first)])

@@ -30,8 +30,9 @@ class Ledger:
         return len(self.trials)
 
     def append(self, trials: Trials) -> None:
-        """Add trials whose ids continue the table's."""
-        self.trials = trials if len(self.trials) == 0 else self.trials.append(trials)
+        """Add a copy of trials whose ids continue the table's."""
+        table = self.trials if len(self.trials) else trials[:0]  # the first trials settle the length of codes
+        self.trials = table.append(trials)
 
     def ids_of(self, trials: Trials | Sequence[int] | IntArray) -> IntArray:
         """Ids of trials, or the given ids.
@@ -117,8 +118,8 @@ class Ledger:
                 and np.array_equal(safety[trial], results.safety[i], equal_nan=True)
             ):
                 raise TrialError(
-                    f"trial {trial} was told objective {objective[trial]:g}, safety {safety[trial].tolist()}, "
-                    f"status {status[trial]}, and now objective {results.objective[i]:g}, safety "
+                    f"trial {trial} had objective {objective[trial]:g}, safety {safety[trial].tolist()}, "
+                    f"status {status[trial]}, and is now told objective {results.objective[i]:g}, safety "
                     f"{results.safety[i].tolist()}, status {results.status[i]}; the first result stays"
                 )
         return replace(self.trials, objective=objective, safety=safety, status=status)

@@ -62,7 +62,7 @@ class Realised:
 def realise(
     proposal: Proposal, problem: Problem, embedding: Codec | None, space: SearchSpace, taken: IntArray
 ) -> Realised:
-    """Decode a proposal, move it to the nearest free candidates when there is a finite set, and encode that again.
+    """Decode a proposal, move it to the nearest free candidates of a finite set, and encode that again.
 
     Args:
         proposal: of a method.

@@ -43,11 +43,13 @@ class GaussianPath:
         factor = np.zeros((n + new, n + new))
         factor[:n, :n] = self._factor
         covariance = matern52(exact_distances(x, self._inputs), self._length_scale)
+        values = np.empty(new)
         for i in range(n, n + new):
             if i:
                 right = covariance[i - n, :i]
                 factor[i, :i] = solve_triangular(factor[:i, :i], right, lower=True, check_finite=False)
             remaining = float(1.0 + self._noise - factor[i, :i] @ factor[i, :i])
             factor[i, i] = np.sqrt(max(remaining, _LEAST_VARIANCE))
+            values[i - n] = factor[i, : i + 1] @ self._normals[: i + 1]
         self._factor = factor
-        return factor[n:] @ self._normals
+        return values

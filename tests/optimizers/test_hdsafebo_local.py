@@ -1,0 +1,174 @@
+"""The local variant: probe, ascents, feature maps and finite sets."""
+
+import numpy as np
+import pytest
+
+from hdsafebo.errors import ProblemError
+from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
+from optimizers.toy import Halving, bowl_problem, observe_initial, rows_problem, run_rounds
+
+
+def test_first_round_probes_at_spread_radii() -> None:
+    optimizer = HdSafeBOLocal(
+        bowl_problem(dimension=20, threshold=-3.0), seed=1, probe_min=1e-3, probe_max=1e-1
+    )
+    observe_initial(optimizer, 40)
+    centre = optimizer.best().x[0]
+    trials = optimizer.ask(5)
+    radii = np.linalg.norm(trials.x - centre, axis=1) / optimizer.surrogate.objective.hyper.reference
+    np.testing.assert_allclose(np.sort(radii), np.geomspace(1e-3, 1e-1, 5), rtol=0.2)
+
+
+def test_later_rounds_stay_within_the_region() -> None:
+    optimizer = HdSafeBOLocal(bowl_problem(dimension=10, threshold=-1.0), seed=2)
+    observe_initial(optimizer, 40)
+    run_rounds(optimizer, 1, 10)
+    centre = optimizer.best().x[0]
+    trials = optimizer.ask(10)
+    reach = optimizer.surrogate.length_scale
+    distance = np.linalg.norm(trials.x - centre, axis=1)
+    assert (distance[:3] <= 1.5 * optimizer.region.length * reach + 1e-9).all()
+    assert (distance[3:] <= optimizer.settings.explore_radius * reach + 1e-9).all()
+
+
+def test_points_are_believed_safe() -> None:
+    optimizer = HdSafeBOLocal(bowl_problem(), seed=3)
+    observe_initial(optimizer, 15)
+    run_rounds(optimizer, 8)
+    asked = optimizer.trials[optimizer.trials.round > 0]
+    believed = asked[~asked.marked_unsafe]
+    assert (believed.predicted_safe_probability >= 0.977 - 1e-6).all()
+    assert (believed.safety[:, 0] >= 0).mean() > 0.95
+
+
+@pytest.mark.parametrize("embedding", [None, Halving()])
+def test_finds_the_constrained_optimum(embedding) -> None:
+    optimizer = HdSafeBOLocal(bowl_problem(), seed=4, embedding=embedding)
+    observe_initial(optimizer, 15)
+    run_rounds(optimizer, 15)
+    assert optimizer.best().objective[0] > -0.005
+
+
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_any_batch_size(n: int) -> None:
+    optimizer = HdSafeBOLocal(bowl_problem(), seed=5)
+    observe_initial(optimizer)
+    for _ in range(3):
+        assert len(optimizer.ask(n)) == n
+        run_rounds(optimizer, 1, n)
+
+
+def test_share_of_the_batch_that_climbs_the_mean(monkeypatch: pytest.MonkeyPatch) -> None:
+    optimizer = HdSafeBOLocal(bowl_problem(), seed=6, exploit=0.3)
+    counts = []
+    monkeypatch.setattr(
+        optimizer,
+        "_climb",
+        lambda value, centre, radius: counts.append(len(radius)) or np.empty((len(radius), 4)),
+    )
+    observe_initial(optimizer)
+    for n, exact in ((10, 3), (1, None)):
+        counts.clear()
+        for _ in range(400):
+            optimizer._exploit(np.full(4, 0.5), n)
+        assert np.mean(counts) == pytest.approx(0.3 * n, abs=0.08)
+        if exact:
+            assert set(counts) == {exact}
+
+
+def test_region_follows_the_rounds() -> None:
+    optimizer = HdSafeBOLocal(bowl_problem(), success_tolerance=1, failure_tolerance=1)
+    observe_initial(optimizer)
+    trials = optimizer.ask(2)
+    optimizer.tell(trials, [5.0, 6.0], [1.0, -1.0])  # better, though one trial was not safe
+    assert optimizer.region.length == pytest.approx(0.45)
+    optimizer.tell(optimizer.ask(1), [0.0], [1.0])
+    assert optimizer.region.length == pytest.approx(0.3)
+
+
+class TestFeatures:
+    """A problem whose kernel inputs are an affine map of its inputs."""
+
+    matrix = np.array([[3.0, 0.0, 0.0, 0.0], [0.0, 0.2, 0.1, 0.0], [0.0, 0.0, 1.0, 1.0]])
+
+    def problem(self):
+        problem = bowl_problem()
+        problem.features = lambda x: x @ self.matrix.T + 7.0
+        return problem
+
+    @pytest.mark.parametrize("embedding", [None, Halving()])
+    def test_metric_is_that_of_the_features(self, embedding) -> None:
+        optimizer = HdSafeBOLocal(self.problem(), embedding=embedding)
+        observe_initial(optimizer)
+        trials = optimizer.trials
+        u = optimizer.space.to_unit(trials.z)
+        np.testing.assert_allclose(optimizer.metric.inputs(u), optimizer.kernel_inputs(trials))
+        np.testing.assert_allclose(optimizer.kernel_inputs(trials), trials.x @ self.matrix.T + 7.0)
+
+    def test_radii_are_lengths_of_features(self) -> None:
+        optimizer = HdSafeBOLocal(self.problem(), seed=1)
+        observe_initial(optimizer, 40)
+        run_rounds(optimizer, 1, 10)
+        centre = optimizer.kernel_inputs(optimizer.best())
+        trials = optimizer.ask(10)
+        distance = np.linalg.norm(optimizer.kernel_inputs(trials) - centre, axis=1)
+        limit = 1.5 * optimizer.region.length * optimizer.surrogate.length_scale
+        assert (distance <= limit + 1e-9).all()
+        run_rounds(optimizer, 8, 4)
+        assert np.isfinite(optimizer.trials.predicted_safe_probability[-4:]).all()
+
+    def test_features_must_be_affine(self) -> None:
+        problem = bowl_problem()
+        problem.features = np.sin
+        optimizer = HdSafeBOLocal(problem)
+        observe_initial(optimizer)
+        with pytest.raises(ProblemError, match=r"features of 'bowl' differ by .* affine"):
+            optimizer.ask(2)
+
+
+class TestFiniteSet:
+    """Only some inputs can be evaluated."""
+
+    def test_rows_are_believed_safe_and_new(self) -> None:
+        optimizer = HdSafeBOLocal(
+            rows_problem(2000), seed=1, rows_initial=200, rows_elsewhere=100, rows_min=20
+        )
+        observe_initial(optimizer, 20)
+        run_rounds(optimizer, 6)
+        asked = optimizer.trials[optimizer.trials.round > 0]
+        assert len(np.unique(optimizer.trials.candidate)) == len(optimizer.trials)
+        assert (asked.predicted_safe_probability[~asked.marked_unsafe] >= 0.977 - 1e-6).all()
+        np.testing.assert_array_equal(asked.x, optimizer.problem.candidates.features[asked.candidate])
+
+    def test_finds_the_best_safe_row(self) -> None:
+        problem = rows_problem(2000)
+        optimizer = HdSafeBOLocal(problem, seed=2)
+        observe_initial(optimizer, 20)
+        run_rounds(optimizer, 12)
+        objective, safety = problem.function(problem.candidates.features)
+        assert optimizer.best().objective[0] >= np.sort(objective[safety >= 0])[-3]
+
+    def test_neighbourhood_is_the_nearest_rows(self) -> None:
+        optimizer = HdSafeBOLocal(rows_problem(500), seed=3, rows_initial=50, rows_elsewhere=0)
+        observe_initial(optimizer, 20)
+        centre = optimizer.best().x[0]
+        trials = optimizer.ask(5)
+        free = np.setdiff1d(np.arange(500), optimizer.trials.candidate[:20])
+        distance = np.linalg.norm(optimizer.problem.candidates.features - centre, axis=1)
+        limit = np.sort(distance[free])[49]
+        assert (distance[trials.candidate] <= limit + 1e-12).all()
+
+    def test_inputs_outside_the_set_count_as_their_nearest_row(self) -> None:
+        optimizer = HdSafeBOLocal(rows_problem(500))
+        observe_initial(optimizer, 20)
+        optimizer.observe([[0.5, 0.5]], [0.0], [0.1])
+        features = optimizer.problem.candidates.features
+        nearest = features[np.linalg.norm(features - 0.5, axis=1).argmin()]
+        np.testing.assert_array_equal(optimizer.kernel_inputs(optimizer.trials)[-1], nearest)
+
+    def test_last_rows(self) -> None:
+        optimizer = HdSafeBOLocal(rows_problem(30))
+        observe_initial(optimizer, 10)
+        assert sorted(optimizer.ask(20).candidate) == sorted(
+            set(range(30)) - set(optimizer.trials.candidate[:10])
+        )
