@@ -26,13 +26,13 @@ class Recorder(Tracker):
     def __init__(self, root: Path) -> None:
         super().__init__("optimize", {}, root, enabled=False)
         self.children: list[tuple[str, list[int], dict[str, list[float]]]] = []
-        self.metrics: dict[str, float] = {}
+        self.means: tuple[list[int], dict[str, list[float]]] = ([], {})
 
     def log_child(self, name: str, params: Any, steps: Any, series: Any) -> None:
         self.children.append((name, steps, series))
 
-    def log_metrics(self, metrics: Any, step: int | None = None) -> None:
-        self.metrics |= metrics
+    def log_series(self, steps: Any, series: Any) -> None:
+        self.means = steps, series
 
 
 def compute(

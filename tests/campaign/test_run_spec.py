@@ -12,7 +12,7 @@ import pytest
 import hdsafebo
 from hdsafebo.campaign import run_spec
 
-real_code_digest = run_spec._code_digest  # before the toys replace it
+real_code_digest = run_spec._code_digest
 
 
 @pytest.mark.parametrize(

@@ -65,6 +65,7 @@ def write_stage(project: Path) -> None:
         for seed in (1000, 1001):
             series = {"best_safe_objective": [float("nan"), 1.0, 2.0], "safety_ratio": [1.0, 0.5, 0.5]}
             tracker.log_child(f"seed {seed}", {"seed": seed}, [10, 20, 30], series)
+        tracker.log_series([10, 20], {"safety_ratio": [float("nan"), 0.75]})
         tracker.log_metrics({"objective": 2.0, "undefined": float("nan")})
         tracker.log_artifact(table)
 
@@ -90,7 +91,7 @@ def test_a_stage_is_a_run_with_a_child_per_seed(project: Path) -> None:
     state = git_state(project)
     assert state is not None
     assert parent.info.status == "FINISHED"
-    assert parent.data.metrics == {"objective": 2.0}
+    assert parent.data.metrics == {"objective": 2.0, "safety_ratio": 0.75}
     assert parent.data.params == {"tasks.synthetic.budget.trials": "30"}
     assert parent.data.tags.items() >= {
         "stage": "optimize", "task": "synthetic", "method": "sobol",

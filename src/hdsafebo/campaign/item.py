@@ -12,7 +12,7 @@ from hdsafebo.campaign.progress import ProgressWatcher
 from hdsafebo.campaign.run_file import RunMetadata, write_run_file
 from hdsafebo.campaign.run_spec import RunSpec, budget_of
 from hdsafebo.campaign.runner import RunResult, run
-from hdsafebo.campaign.series import final_metrics, round_series
+from hdsafebo.campaign.series import mean_series, round_series
 from hdsafebo.campaign.tracking import Tracker
 from hdsafebo.errors import JournalError, ParamsError
 from hdsafebo.params import Params
@@ -99,7 +99,8 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         **_common_facts(results),
     )
     write_run_file(run_path(task, method, root), [result.rows for result in results], metadata)
-    tracker.log_metrics(final_metrics([result.rows for result in results]), step=budget.trials)
+    steps, means = mean_series([result.rows for result in results])
+    tracker.log_series(steps.tolist(), {name: values.tolist() for name, values in means.items()})
     return results
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +91,7 @@ class _Run:
             )
         else:
             self.optimizer = load_optimizer(spec.method, state[1], self.problem, embedding)
+        self.own_design = not getattr(self.optimizer, "uses_initial_data", True)
         self._state_seconds = 0.0
         self._state_time = time.monotonic()
 
@@ -103,8 +104,11 @@ class _Run:
         """Why the method abstained from the rest of the trials; None if it did not."""
         self._pass_saved_rounds()
         number = self.saved_rounds
-        if number == 0 and getattr(self.optimizer, "uses_initial_data", True):
-            self._round(number, self._ask_initial, self._observe)
+        if number == 0:
+            if self.own_design:
+                self._round(number, lambda: self.optimizer.ask(self.budget.initial), self._tell)
+            else:
+                self._round(number, self._ask_initial, self._observe)
             number += 1
         while len(self.optimizer.trials) < self.budget.trials:
             try:
@@ -144,7 +148,7 @@ class _Run:
         tell(told)
         if known is None:
             rows = rows_of(
-                told,
+                self._as_recorded(told),
                 self.problem,
                 seed=self.beacon.seed,
                 method_seconds=asked - start + time.perf_counter() - evaluated,
@@ -153,6 +157,15 @@ class _Run:
             self.journal.append(Round(points_digest(trials), rows))
             self._save_state_sometimes()
         self.beacon.report(len(self.optimizer.trials))
+
+    def _as_recorded(self, told: Trials) -> Trials:
+        """Trials with the rounds of the run file, whose round 0 holds the initial trials.
+
+        A method that cannot use given data asks for a design of its own first; that design is initial too.
+        """
+        if not self.own_design:
+            return told
+        return replace(told, round=told.round - 1, initial=told.round == 1)
 
     def _ask_initial(self) -> Trials:
         z = (

@@ -34,12 +34,12 @@ def round_series(rows: Rows) -> tuple[NDArray[np.int64], Series]:
     return last + 1, {name: column[last] for name, column in values.items()}
 
 
-def final_metrics(runs: list[Rows]) -> dict[str, float]:
-    """Means over runs of the last state of each, and of the seconds per round."""
-    ends: dict[str, list[float]] = {}
-    for rows in runs:
-        _, series = round_series(rows)
-        for name, values in series.items():
-            value = np.mean(values[1:]) if name == "seconds_per_round" and len(values) > 1 else values[-1]
-            ends.setdefault(name, []).append(float(value))
-    return {name: float(np.mean(values)) for name, values in ends.items()}
+def mean_series(runs: list[Rows]) -> tuple[NDArray[np.int64], Series]:
+    """Means over runs of what `round_series` gives, for the rounds that all of them have.
+
+    NaN where a run has no value yet.
+    """
+    curves = [round_series(rows) for rows in runs]
+    rounds = min(len(steps) for steps, _ in curves)
+    means = {name: np.mean([series[name][:rounds] for _, series in curves], axis=0) for name in curves[0][1]}
+    return curves[0][0][:rounds], means

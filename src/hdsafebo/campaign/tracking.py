@@ -91,6 +91,10 @@ class Tracker:
         series = {name: [float(value)] for name, value in metrics.items()}
         self._guard(lambda client: self._write_series(client, self._run, [step or 0], series))
 
+    def log_series(self, steps: Sequence[int], series: Mapping[str, Sequence[float]]) -> None:
+        """Add whole curves, (k,) values at (k,) steps; values that are not finite are left out."""
+        self._guard(lambda client: self._write_series(client, self._run, steps, series))
+
     def log_artifact(self, path: Path) -> None:
         """Copy a file or a directory to the run's artefacts."""
 
