@@ -1,0 +1,232 @@
+"""Every method on every toy problem: the contract that all of them share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdsafebo.errors import NoSafePointError, ParamsError, ProblemError, TrialError
+from hdsafebo.optimizers.base import Optimizer
+from hdsafebo.optimizers.registry import METHODS, load_optimizer, make_optimizer
+from hdsafebo.problem import FloatArray, FunctionProblem, Safety, Status, Trials
+from optimizers.toy import Halving, bowl_problem, observe_initial, rows_problem
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+
+FIRST_OF_KIND = {(m.module, m.kind): name for name, m in reversed(METHODS.items())}
+NAMES = [
+    pytest.param(name, marks=pytest.mark.slow) if name == "cei" else name  # test_cei.py has its fast tests
+    for name in reversed(FIRST_OF_KIND.values())
+    if name != "random_lowest"
+]
+OWN_START = {"sobol", "turbo", "hesbo", "baxus", "cmaes", "cmaes_centre", "random_lowest"}
+SMALL = {
+    "hdsafebo": {"candidates": 200},
+    "linebo": {"candidates": 50},
+    "scbo": {"candidates": 200},
+    "config": {"candidates": 200},
+    "turbo": {"candidates": 200},
+    "baxus": {"candidates": 200},
+    "safeopt": {"grid": 100},
+    "hesbo": {"dimension": 2},
+}
+"""Settings that keep the tests short."""
+
+
+def three_functions() -> FunctionProblem:
+    """Safety functions of which one is modelled through a transform and one is only reported."""
+
+    def function(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        first = 0.3 - ((x - 0.4) ** 2).sum(axis=1)
+        return -((x - 0.6) ** 2).sum(axis=1), np.column_stack([first, x[:, 0] + 0.5, x[:, 1]])
+
+    safety = [
+        Safety("distance", 0.0),
+        Safety("level", 0.6, transform=np.log),
+        Safety("shown", 0.05, modelled=False),
+    ]
+    return FunctionProblem(function, np.stack([np.zeros(3), np.ones(3)]), safety, name="three")
+
+
+PROBLEMS = {"box": bowl_problem, "three": three_functions, "rows": rows_problem}
+
+
+def advance(optimizer: Optimizer, n: int, rounds: int = 1) -> Trials:
+    """Ask and tell; the last trials asked."""
+    for _ in range(rounds):
+        trials = optimizer.ask(n)
+        optimizer.tell(trials, *optimizer.problem.function(trials.x))
+    return trials
+
+
+def make(name: str, problem: FunctionProblem, *, seed: int = 0, initial: int = 12, **more) -> Optimizer:
+    """A method with its initial data, from outside or its own."""
+    optimizer = make_optimizer(name, problem, seed=seed, **SMALL.get(METHODS[name].module, {}), **more)
+    if getattr(optimizer, "uses_initial_data", True):
+        observe_initial(optimizer, initial)
+    else:
+        advance(optimizer, initial)
+    return optimizer
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_proposes_admissible_points_and_learns(name: str, problem: str) -> None:
+    optimizer = make(name, PROBLEMS[problem]())
+    advance(optimizer, 5, rounds=3)
+    trials = optimizer.trials
+    assert len(trials) == 12 + 15
+    assert np.isfinite(trials.x).all()
+    assert (trials.x >= optimizer.problem.bounds[0]).all()
+    assert (trials.x <= optimizer.problem.bounds[1]).all()
+    if problem == "rows":
+        assert len(np.unique(trials.candidate)) == len(trials)
+        np.testing.assert_array_equal(optimizer.problem.candidates.inputs(trials.candidate), trials.x)
+    believed = np.isfinite(trials[trials.round > 1].predicted_safe_probability)
+    assert believed.all() if optimizer.consults_model else not believed.any()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("problem", ["three", "rows"])
+def test_resumed_goes_on_to_the_bit(name: str, problem: str, tmp_path: Path) -> None:
+    undisturbed = make(name, PROBLEMS[problem](), seed=3)
+    advance(undisturbed, 5, rounds=2)
+    open_trials = undisturbed.ask(2)
+    undisturbed.save(tmp_path / "state")
+    resumed = load_optimizer(name, tmp_path / "state", PROBLEMS[problem]())
+    for optimizer in (undisturbed, resumed):
+        optimizer.tell(open_trials, *optimizer.problem.function(open_trials.x))
+        advance(optimizer, 5, rounds=3)
+    for column in ("x", "z", "objective", "predicted_safe_probability", "trust_region_length"):
+        ours, theirs = (getattr(optimizer.trials, column) for optimizer in (undisturbed, resumed))
+        np.testing.assert_array_equal(ours, theirs, err_msg=column)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_same_seed_same_trials_other_seed_other_trials(name: str) -> None:
+    xs = [advance(make(name, bowl_problem(), seed=seed), 4, rounds=2).x for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(xs[0], xs[1])
+    if name != "safeopt":  # the safe points known from the start are the same under any seed
+        assert not np.array_equal(xs[0], xs[2])
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("n", [1, 25])
+def test_batches_of_any_size(name: str, n: int) -> None:
+    trials = advance(make(name, bowl_problem()), n, rounds=2)
+    assert len(trials) == n
+    if name != "safeopt":  # it may evaluate a point again
+        assert len(np.unique(trials.x, axis=0)) == n
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_failed_pending_and_partly_told_trials(name: str) -> None:
+    optimizer = make(name, bowl_problem())
+    function = optimizer.problem.function
+    first = optimizer.ask(4)
+    second = optimizer.ask(4)  # while the first are under evaluation
+    objective, safety = function(first.x)
+    objective[1], safety[1] = np.nan, np.nan
+    status = np.array([Status.COMPLETED, Status.FAILED, Status.COMPLETED, Status.COMPLETED])
+    optimizer.tell(second[[0, 1]], objective=function(second.x[:2])[0], safety=function(second.x[:2])[1])
+    optimizer.tell(first, objective, safety, status=status)
+    optimizer.tell(second[[2, 3]], np.full(2, np.nan), np.full(2, np.nan), status=Status.FAILED)
+    nothing = optimizer.ask(5)
+    optimizer.tell(nothing, np.zeros(5), np.zeros(5), status=Status.FAILED)
+    assert np.isfinite(advance(optimizer, 5, rounds=2).x).all()
+    assert (optimizer.trials.status == Status.FAILED).sum() == 8
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", ["constant", "equal points", "outlier", "flat dimension", "all unsafe"])
+def test_hostile_data(name: str, kind: str) -> None:
+    problem = bowl_problem(threshold=10.0 if kind == "all unsafe" else 0.0)
+    if kind == "flat dimension":
+        problem.bounds[:, 1] = 0.4
+    optimizer = make(name, problem, initial=2)
+    x = np.random.default_rng(5).uniform(problem.bounds[0], problem.bounds[1], (30, 4))
+    if kind == "equal points":
+        x[:] = x[0]
+    objective, safety = problem.function(x)
+    if kind == "constant":
+        objective, safety = np.full(30, 2.0), np.full((30, 1), 1.0)
+    if kind == "outlier":
+        objective[3] = 1e12
+    optimizer.observe(x, objective, safety)
+    trials = advance(optimizer, 6, rounds=2)
+    assert len(trials) == 6
+    assert np.isfinite(trials.x).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_bad_results_are_refused_and_nothing_is_lost(name: str) -> None:
+    optimizer = make(name, bowl_problem())
+    trials = optimizer.ask(3)
+    objective, safety = optimizer.problem.function(trials.x)
+    for bad in (
+        ([np.nan, 0, 0], [0, 0, 0]),
+        ([0, 0, 0], [0, np.inf, 0]),
+        ([0, 0], [0, 0]),
+        ([0, 0, 0], [[0, 0]] * 3),
+    ):
+        with pytest.raises(TrialError):
+            optimizer.tell(trials, *bad)
+    optimizer.tell(trials, objective, safety)
+    with pytest.raises(TrialError, match="first result stays"):
+        optimizer.tell(trials, objective + 1.0, safety)
+    np.testing.assert_array_equal(optimizer.trials.objective[trials.id], objective)
+    assert len(advance(optimizer, 3)) == 3
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_exhausts_a_finite_set_without_repeating(name: str) -> None:
+    optimizer = make(name, rows_problem(n=30), initial=12)
+    while len(optimizer.trials) < 30:
+        advance(optimizer, 7)
+    assert len(np.unique(optimizer.trials.candidate)) == 30
+    with pytest.raises(TrialError, match="30 candidates"):
+        optimizer.ask(1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_resumes_with_an_embedding(name: str, tmp_path: Path) -> None:
+    optimizer = make(name, bowl_problem(), embedding=Halving())
+    advance(optimizer, 5, rounds=2)
+    optimizer.save(tmp_path / "state")
+    resumed = load_optimizer(name, tmp_path / "state", bowl_problem(), Halving())
+    np.testing.assert_array_equal(advance(optimizer, 5).x, advance(resumed, 5).x)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_unknown_setting_is_named(name: str) -> None:
+    with pytest.raises(ParamsError, match="no_such_setting"):
+        make_optimizer(name, bowl_problem(), no_such_setting=1)
+
+
+@pytest.mark.parametrize("name", sorted(set(METHODS) - OWN_START))
+def test_without_any_data_the_missing_is_named(name: str) -> None:
+    with pytest.raises(NoSafePointError, match="observe"):
+        make_optimizer(name, bowl_problem()).ask(3)
+
+
+def test_random_lowest_draws_the_weakest_rows_only(tmp_path: Path) -> None:
+    problem = rows_problem()
+    weakest = set(problem.candidates.weakest().tolist())
+    optimizer = make("random_lowest", problem)
+    advance(optimizer, 5)
+    optimizer.save(tmp_path / "state")
+    resumed = load_optimizer("random_lowest", tmp_path / "state", problem)
+    rows = advance(optimizer, 10, rounds=2).candidate
+    np.testing.assert_array_equal(rows, advance(resumed, 10, rounds=2).candidate)
+    while not weakest <= set(optimizer.taken.tolist()):
+        advance(optimizer, 20)
+    assert set(optimizer.trials.candidate[12:].tolist()) <= weakest
+    with pytest.raises(TrialError, match="lowest level"):
+        optimizer.ask(1)
+
+
+def test_random_lowest_needs_levels() -> None:
+    with pytest.raises(ProblemError, match="weakest"):
+        make_optimizer("random_lowest", bowl_problem())
