@@ -433,6 +433,16 @@ class Params(Block):
     report: Report = Report()
 
     @model_validator(mode="after")
+    def _one_threshold(self) -> Params:
+        calibrated, used = self.spinal.safety_threshold, self.tasks.scs.problem.threshold
+        if calibrated != used:
+            raise ValueError(
+                f"tasks.scs.problem.threshold is {used}, expected spinal.safety_threshold ({calibrated}), "
+                "to which the dataset is calibrated"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _methods_known(self) -> Params:
         from hdsafebo.optimizers.registry import method_names
 

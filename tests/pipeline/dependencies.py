@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 PACKAGE = "hdsafebo"
-# Validating the parameters looks up the names of all methods; that is no use of their code.
-NAMES_ONLY = {"hdsafebo.params": "hdsafebo.optimizers"}
+# Validating the parameters looks up names and settings of methods and embeddings; the stages that use their
+# code import it themselves.
+NAMES_ONLY = {"hdsafebo.params": ("hdsafebo.optimizers", "hdsafebo.embeddings")}
 
 
-def used_modules(script: Path, source: Path) -> set[Path]:
-    """Files below `source` that `script` imports, directly or not, at the top or within functions."""
+def used_modules(roots: Iterable[Path], source: Path) -> set[Path]:
+    """Files below `source` that `roots` import, directly or not, at the top or within functions."""
     seen: set[Path] = set()
-    pending = [script]
+    pending = list(roots)
     while pending:
         for path in _imported(pending.pop(), source):
             if path not in seen:
@@ -26,18 +28,27 @@ def _imported(path: Path, source: Path) -> set[Path]:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     module = _module_name(path, source)
     names: set[str] = set()
-    for node in ast.walk(tree):
+    for node in _executed(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    skip = NAMES_ONLY.get(module)
+    skip = NAMES_ONLY.get(module, ())
     files = set()
     for name in names:
-        if name.split(".")[0] != PACKAGE or (skip and name.startswith(skip)):
+        if name.split(".")[0] != PACKAGE or name.startswith(skip):
             continue
         files |= _files(name, source)
     return files
+
+
+def _executed(tree: ast.AST) -> Iterator[ast.AST]:
+    """All nodes except those that only a type checker reads."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            continue
+        yield node
+        yield from _executed(node)
 
 
 def _files(name: str, source: Path) -> set[Path]:

@@ -25,6 +25,7 @@ LEARNING = "data/rollouts/learning_curve.parquet"
 STIMULATION = "data/spinal/stimulation.parquet"
 TRAVERSAL = "data/spinal/traversal.json"
 HAND_FRAMES = "data/rollouts"
+SPINAL_FRAMES = "data/spinal/figures"
 
 
 class Isometry(BaseModel):
@@ -93,6 +94,7 @@ class Inputs:
     traversal: Traversal | None
     field_map: tuple[NDArray[np.float64], str] | None
     hand_frames: list[Frame]
+    spinal_frames: list[Frame]
 
 
 def read_isometry(root: Path) -> dict[str, Isometry] | None:
@@ -161,11 +163,11 @@ def read_stimulation(root: Path, threshold: float) -> Stimulation | None:
     return Stimulation(len(frame), threshold, float(safe.mean()), selectivity)
 
 
-def read_frames(root: Path) -> list[Frame]:
-    """Pictures of the hand in the order of their names."""
+def read_frames(folder: Path) -> list[Frame]:
+    """Pictures of another stage in the order of their names."""
     return [
         Frame(path.stem.replace("_", " "), path.read_bytes())
-        for path in sorted((root / HAND_FRAMES).glob("*.png"))
+        for path in sorted(folder.glob("*.png"))
     ]
 
 
@@ -190,7 +192,8 @@ def read_inputs(
         stimulation=read_stimulation(root, safety_threshold),
         traversal=read_traversal(root),
         field_map=field_map,
-        hand_frames=read_frames(root),
+        hand_frames=read_frames(root / HAND_FRAMES),
+        spinal_frames=read_frames(root / SPINAL_FRAMES),
     )
 
 

@@ -134,6 +134,7 @@ def stimulation_section(results: Results, inputs: Inputs) -> Section:
             Text(f"The traversal has {s.rows:,} parameters; {share}.", "finding"),
             selectivity_figure(s.selectivity),
         ]
+    blocks += inputs.spinal_frames
     if inputs.field_map is not None:
         blocks.append(field_map_figure(*inputs.field_map))
     tasks = [task for task in results.tasks if task.startswith("scs_")]
