@@ -38,8 +38,8 @@ class StimulationSet:
     Attributes:
         unit: (21800, 728) unit potentials.
         currents_ma: (K,) currents.
-        features: (21800 K, 25) inputs of the kernel: unit potentials in whitened principal directions,
-            and the log current. Maps of low current all meet at the origin although the selectivity
+        features: (21800 K, 25) inputs of the kernel: unit potentials in principal directions, scaled to the
+            same variance each, and the log current. Maps of low current all meet at the origin although the selectivity
             depends on direction, so distances between maps say less.
     """
 
@@ -168,7 +168,7 @@ def read_target(path: Path, muscle: str, side: str) -> tuple[FloatArray, FloatAr
 
 
 def _features(unit: FloatArray, currents_ma: FloatArray) -> FloatArray:
-    """Whitened directions scaled to a mean squared distance of one, beside the weighted log current."""
+    """Directions of equal variance, of a mean squared distance of one, beside the weighted log current."""
     _, vectors = np.linalg.eigh(unit.T @ unit)
     directions = unit @ vectors[:, ::-1][:, :_DIRECTIONS]
     directions /= directions.std(axis=0)

@@ -1,0 +1,130 @@
+"""The stimulation task: rows, maps, look-up, and what a wrong dataset is answered with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from hdsafebo.errors import DatasetError
+from hdsafebo.problem import Trials, check_problem
+from hdsafebo.problems.stimulation import SelectiveStimulation, StimulationSet, read_target
+from hdsafebo.spinal.configurations import CONFIGURATIONS
+from hdsafebo.spinal.field_map import PIXELS
+
+CURRENTS = np.geomspace(0.05, 5.0, 10)
+
+
+@pytest.fixture(scope="module")
+def rows() -> StimulationSet:
+    return StimulationSet.build(CURRENTS)
+
+
+@pytest.fixture(scope="module")
+def values() -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    return rng.standard_normal(CONFIGURATIONS * 10), rng.random(CONFIGURATIONS * 10)
+
+
+@pytest.fixture
+def problem(rows: StimulationSet, values: tuple[np.ndarray, np.ndarray]) -> SelectiveStimulation:
+    return SelectiveStimulation("st", rows, *values, threshold=0.05, log_safety=True)
+
+
+def test_a_map_is_nearest_to_its_own_row_until_that_is_taken(rows: StimulationSet) -> None:
+    wanted = np.random.default_rng(1).choice(len(rows), 6, replace=False)
+    maps = rows.inputs(wanted)
+    assert maps.shape == (6, PIXELS)
+    np.testing.assert_array_equal(rows.nearest(maps, np.empty(0, int)), wanted)
+    others = rows.nearest(maps, wanted)
+    assert not set(others) & set(wanted)
+    assert len(set(rows.nearest(np.repeat(maps[:1], 4, axis=0), wanted))) == 4
+
+
+def test_features_vary_alike_in_every_direction_and_linear_in_the_log_current(rows: StimulationSet) -> None:
+    features = rows.features
+    assert features.shape == (CONFIGURATIONS * 10, 25)
+    np.testing.assert_allclose(features[0, :-1], features[9, :-1])
+    np.testing.assert_allclose(np.diff(features[:10, -1]), 0.3 * np.log(CURRENTS[1] / CURRENTS[0]))
+    directions = features[::10, :-1]
+    np.testing.assert_allclose(directions.var(axis=0), 1 / 48)
+
+
+def test_the_weakest_rows_have_the_lowest_current(rows: StimulationSet) -> None:
+    assert len(rows.weakest()) == CONFIGURATIONS
+    assert (rows.features[rows.weakest(), -1] == rows.features[:, -1].min()).all()
+
+
+def test_evaluation_looks_rows_up(
+    problem: SelectiveStimulation, values: tuple[np.ndarray, np.ndarray]
+) -> None:
+    check_problem(problem)
+    x, candidate = problem.initial(50, np.random.default_rng(2))
+    result = problem.evaluate(Trials.pending(x, x, 1, candidate=candidate))
+    np.testing.assert_array_equal(result.objective, values[0][candidate])
+    np.testing.assert_array_equal(result.safety[:, 0], values[1][candidate])
+    assert problem.optimum == values[0][values[1] >= 0.05].max()
+    with pytest.raises(DatasetError, match="without a row"):
+        problem.evaluate(Trials.pending(x, x, 1))
+
+
+def test_the_log_keeps_the_safe_set(
+    problem: SelectiveStimulation, values: tuple[np.ndarray, np.ndarray]
+) -> None:
+    safety = problem.safety[0]
+    assert safety.transform is not None
+    moved = safety.transform(np.array([safety.threshold]))[0]
+    np.testing.assert_array_equal(safety.transform(values[1]) >= moved, values[1] >= safety.threshold)
+
+
+def test_no_safe_row_is_an_error(rows: StimulationSet, values: tuple[np.ndarray, np.ndarray]) -> None:
+    with pytest.raises(DatasetError, match=r"largest 0\.000"):
+        SelectiveStimulation("st", rows, values[0], 0 * values[1], threshold=0.05, log_safety=False)
+
+
+def table(values: tuple[np.ndarray, np.ndarray]) -> dict[str, np.ndarray]:
+    return {
+        "configuration": np.repeat(np.arange(CONFIGURATIONS, dtype=np.int32), 10),
+        "current": np.tile(CURRENTS.astype(np.float32), CONFIGURATIONS),
+        "si_ST_left": values[0].astype(np.float32),
+        "g": values[1].astype(np.float32),
+    }
+
+
+def test_a_dataset_is_read(tmp_path: Path, values: tuple[np.ndarray, np.ndarray]) -> None:
+    path = tmp_path / "s.parquet"
+    pq.write_table(pa.table(table(values)), path)
+    currents, selectivity, safety = read_target(path, "ST", "left")
+    np.testing.assert_allclose(currents, CURRENTS, rtol=1e-6)
+    np.testing.assert_array_equal(selectivity, values[0].astype(np.float32))
+    np.testing.assert_array_equal(safety, values[1].astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda t: {k: v[:-1] for k, v in t.items()}, "217999 rows, expected 218000"),
+        (lambda t: {k: np.concatenate([v, v[:10]]) for k, v in t.items()}, "218010 rows"),
+        (lambda t: t | {"configuration": t["configuration"][::-1]}, "every configuration at every current"),
+        (lambda t: t | {"g": np.where(np.arange(218_000) == 5, np.nan, t["g"])}, "NaN"),
+        (lambda t: {k: v for k, v in t.items() if k != "si_ST_left"}, "si_ST_left"),
+    ],
+)
+def test_a_wrong_dataset_is_refused(
+    tmp_path: Path, values: tuple[np.ndarray, np.ndarray], damage: object, message: str
+) -> None:
+    path = tmp_path / "s.parquet"
+    pq.write_table(pa.table(damage(table(values))), path)  # type: ignore[operator]
+    with pytest.raises(DatasetError, match=message):
+        read_target(path, "ST", "left")
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"\x80\x04\x95cposix\nsystem\n"])
+def test_a_file_that_is_no_table(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "s.parquet"
+    path.write_bytes(content)
+    with pytest.raises(DatasetError, match="cannot be read"):
+        read_target(path, "ST", "left")
