@@ -39,8 +39,8 @@ class StimulationSet:
         unit: (21800, 728) unit potentials.
         currents_ma: (K,) currents.
         features: (21800 K, 25) inputs of the kernel: unit potentials in principal directions, scaled to the
-            same variance each, and the log current. Maps of low current all meet at the origin although the selectivity
-            depends on direction, so distances between maps say less.
+            same variance each, and the log current. Maps of low current all meet at the origin although
+            the selectivity depends on direction, so distances between maps say less.
     """
 
     unit: FloatArray
