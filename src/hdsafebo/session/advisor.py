@@ -236,10 +236,13 @@ class Advisor:
         return [t for t in self.state.trials if t.status != "running" and t.delivered]
 
     def _declined(self) -> np.ndarray:
-        """Candidate rows that a person refused or replaced, whatever the target was."""
+        """Candidate rows that a person turned down, or that an unsafe trial rules out; for any target."""
         points = [s.point for s in self.state.suggestions if s.decision in ("refused", "modified")]
         rows = [self._search.input_of(p)[1] for p in points]
-        return np.array([row for row in rows if row >= 0], np.int64)
+        refused = np.array([row for row in rows if row >= 0], np.int64)
+        safe = self._search.space.safe
+        unsafe = [t.point for t in self.state.trials if t.safety is not None and not safe(t.safety)]
+        return np.concatenate([refused, *(self._search.beyond(p) for p in unsafe)])
 
     def _belief(self, trials: Trials) -> dict[str, Any]:
         optimiser = self._require()

@@ -79,6 +79,11 @@ class FiniteSet(ABC):
         rows = np.flatnonzero(~self._permitted(last))
         return np.concatenate([rows, np.arange(self.size, self.size + RESERVED_ROWS)])
 
+    def beyond(self, point: Point) -> IntArray:
+        """Rows that are not suggested once a point was unsafe: its own, and those that are surely worse."""
+        inside = self._row_inside(point)
+        return np.array([] if inside is None else [inside], np.int64)
+
     @abstractmethod
     def encode_points(self, points: list[Point]) -> FloatArray:
         """(k, D) inputs of points."""

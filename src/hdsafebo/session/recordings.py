@@ -138,7 +138,7 @@ def _read_edf(content: bytes, name: str) -> Recording:
                 note = str(reader.getRecordingAdditional())
         except (OSError, ValueError) as error:
             raise RecordingError(f"{name}: no valid EDF file: {' '.join(str(error).split())}") from None
-    labels = {key: found.group(1) for key in _LABELS if (found := re.search(rf"\b{key}=(\S+)", note))}
+    labels = {key: found.group(1) for key in _LABELS if (found := re.search(rf"\b{key}=([^\s;]+)", note))}
     return Recording(name, channels, rates[0], samples, labels)
 
 

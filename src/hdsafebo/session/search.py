@@ -71,6 +71,10 @@ class Search(ABC):
         """The point of an input (D,) and its candidate row."""
 
     @abstractmethod
+    def beyond(self, point: Point) -> IntArray:
+        """Candidate rows that are not suggested any more once a point was unsafe."""
+
+    @abstractmethod
     def restrict(self, last: Point | None) -> IntArray:
         """Take the point delivered last into account; returns the candidate rows that are forbidden now."""
 
@@ -98,6 +102,10 @@ class FiniteSearch(Search):
     def point_of(self, x: FloatArray, row: int) -> Point:
         """See `Search`."""
         return self.candidates.point(row)
+
+    def beyond(self, point: Point) -> IntArray:
+        """See `Search`."""
+        return self.candidates.beyond(point)
 
     def restrict(self, last: Point | None) -> IntArray:
         """See `Search`."""
@@ -156,6 +164,10 @@ class BoxSearch(Search):
     def point_of(self, x: FloatArray, row: int) -> Point:
         """See `Search`."""
         return {"values": x.tolist()}
+
+    def beyond(self, point: Point) -> IntArray:
+        """See `Search`; in a box the model alone says what is near."""
+        return np.empty(0, np.int64)
 
     def restrict(self, last: Point | None) -> IntArray:
         """See `Search`."""

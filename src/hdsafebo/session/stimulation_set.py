@@ -78,6 +78,14 @@ class StimulationSet(FiniteSet):
         mine = taken[taken < self.size]
         return np.asarray(self._nearest.query(x, mine)[0], dtype=np.int64)
 
+    def beyond(self, point: Point) -> IntArray:
+        """The same contacts at the same current and all higher ones."""
+        configuration = self._index.get(tuple(point["polarity"]))
+        if configuration is None:
+            return np.empty(0, np.int64)
+        levels = np.flatnonzero(self.currents_ma >= point[CURRENT_COLUMN])
+        return configuration * len(self.currents_ma) + levels
+
     @cached_property
     def _nearest(self) -> NearestMap:
         return NearestMap(unit_potentials(self.polarity), self.currents_ma)

@@ -204,7 +204,9 @@ function look() {
     });
     const result = await answer.json();
     if (editing !== asked) return;
-    fill(byId("breaches"), (result.breaches || [result.error]).map((text) => element("li", text)));
+    const breaches = result.breaches || [result.error];
+    fill(byId("breaches"), breaches.map((text) => element("li", text)));
+    byId("buttons").firstElementChild.disabled = busy || breaches.length > 0;
     showBelief(result.belief || null);
   }, 250);
 }

@@ -1,0 +1,148 @@
+"""Sessions at full size: the simulated month, and the time of a suggestion.
+
+    python benchmarks/session.py month --patients 10      the paper's protocol on simulated patients (resumable)
+    python benchmarks/session.py suggest                  time of a suggestion with 1,000 trials known
+
+Both need `data/spinal/stimulation.parquet` (stage traverse_stimulation). A month is a session like any other
+and lies in its own directory: started again, it goes on where it ended.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdsafebo.progress import progress, track
+from hdsafebo.session.audit import replay, verify_session
+from hdsafebo.session.create import create_session
+from hdsafebo.session.month import answer, evaluate_month, run_month, simulated_patient, write_example
+from hdsafebo.session.responses import MUSCLES, Responses, load_responses
+from hdsafebo.session.session import Session
+from hdsafebo.session.space import Report
+from hdsafebo.session.stimulation_space import CONTACT_COLUMNS, CURRENT_COLUMN
+
+
+def main() -> None:
+    """Run one of the benchmarks."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--dataset", type=Path, default=Path("data/spinal/stimulation.parquet"))
+    parser.add_argument(
+        "--work", type=Path, default=Path("reports/benchmarks/sessions"), help="directory of the sessions"
+    )
+    parser.add_argument("--json", type=Path, help="write the numbers here, too")
+    benchmarks = parser.add_subparsers(required=True, dest="benchmark")
+    month = benchmarks.add_parser("month")
+    month.add_argument("--patients", type=int, default=10)
+    month.add_argument("--first", type=int, default=0, help="seed of the first patient")
+    month.add_argument("--trials", type=int, default=504)
+    month.add_argument("--replay", action="store_true", help="compute every suggestion of the logs again")
+    suggest = benchmarks.add_parser("suggest")
+    suggest.add_argument("--known", type=int, default=1000, help="trials that are known")
+    suggest.add_argument("--suggestions", type=int, default=30)
+    arguments = parser.parse_args()
+    responses = load_responses(arguments.dataset)
+    result = (
+        _months(arguments, responses) if arguments.benchmark == "month" else _suggest(arguments, responses)
+    )
+    if arguments.json is not None:
+        arguments.json.parent.mkdir(parents=True, exist_ok=True)
+        arguments.json.write_text(json.dumps(result, indent=1) + "\n")
+
+
+def _months(arguments: argparse.Namespace, responses: Responses) -> list[dict[str, Any]]:
+    rows = []
+    print("patient  recommended  unsafe  breaches  improved  mean gain")
+    for seed in range(arguments.first, arguments.first + arguments.patients):
+        session = _session(arguments.work / f"patient{seed}", responses, seed)
+        patient = simulated_patient(session, responses, seed)
+        with progress(arguments.trials, f"patient {seed}") as advance:
+            run_month(session, patient, trials=arguments.trials, on_trial=lambda trial: advance())
+        verdict = verify_session(session)
+        result = evaluate_month(session, patient)
+        gain = float(np.mean([result.final_best[m] / result.initial_best[m] for m in MUSCLES]))
+        row = {
+            "patient": seed,
+            **asdict(result),
+            "improved": result.improved,
+            "mean_gain": gain,
+            "head": verdict.head,
+        }
+        if arguments.replay:
+            row["mismatches"] = len(replay(session))
+        rows.append(row)
+        columns = f"{seed:7d}  {result.recommended:11d}  {result.unsafe:6d}  {result.breaches:8d}"
+        print(f"{columns}  {result.improved:6d}/8  {gain:9.2f}", flush=True)
+        session.close()
+    return rows
+
+
+def _suggest(arguments: argparse.Namespace, responses: Responses) -> dict[str, Any]:
+    directory = arguments.work / f"known{arguments.known}"
+    session = _session(directory, responses, 0, known=arguments.known)
+    patient = simulated_patient(session, responses, 0)
+    wall, cpu = [], []
+    for _ in track(range(arguments.suggestions), "suggestions"):
+        start, start_cpu = time.perf_counter(), time.process_time()
+        session.suggest("benchmark")
+        wall.append(time.perf_counter() - start)
+        cpu.append(time.process_time() - start_cpu)
+        session.approve("benchmark")
+        _, response = answer(session, patient)
+        recording = None if response.recording is None else (response.recording, "trial.csv")
+        session.record("benchmark", Report(recording, response.scores))
+    session.close()
+    start, start_cpu = time.perf_counter(), time.process_time()
+    Session.open(directory / "session").advisor()
+    reopened, reopened_cpu = time.perf_counter() - start, time.process_time() - start_cpu
+    result = {
+        "known": arguments.known,
+        "wall_s": {"median": statistics.median(wall), "worst": max(wall), "first": wall[0]},
+        "cpu_s": {"median": statistics.median(cpu), "worst": max(cpu), "first": cpu[0]},
+        "reopen_s": {"wall": reopened, "cpu": reopened_cpu},
+    }
+    for clock in ("wall_s", "cpu_s"):
+        times = result[clock]
+        print(
+            f"{clock}: median {times['median']:.2f}, worst {times['worst']:.2f}, first {times['first']:.2f}"
+        )
+    print(f"opening it again: {reopened:.2f} s wall, {reopened_cpu:.2f} s cpu")
+    return result
+
+
+def _session(directory: Path, responses: Responses, seed: int, known: int | None = None) -> Session:
+    """The session of a directory; made first where it does not exist."""
+    if (directory / "session" / "session.db").exists():
+        return Session.open(directory / "session")
+    definition, initial = write_example(directory, responses, seed)
+    if known is not None:
+        initial.write_text(_random_trials(responses, initial, known))
+    return create_session(directory / "session", definition, who="benchmark", initial=initial)
+
+
+def _random_trials(responses: Responses, initial: Path, known: int) -> str:
+    """Initial trials at random rows of the model's table; what was measured comes from the model, without noise."""
+    rng = np.random.default_rng(0)
+    header = initial.read_text().split("\n")[0]
+    configurations = list(responses.index)
+    lines = [header]
+    for _ in range(known):
+        polarity = list(configurations[int(rng.integers(len(configurations)))])
+        current = float(rng.choice(responses.currents_ma[:6]))
+        mu, strongest = responses.at({"polarity": polarity, CURRENT_COLUMN: current})
+        score = round(10 * (1 - strongest) / (1.05 - strongest))
+        lines.append(",".join(map(str, [*polarity, current, *(float(f"{m:.6g}") for m in mu), score, score])))
+    assert len(header.split(",")) == len(CONTACT_COLUMNS) + 1 + len(MUSCLES) + 2
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,272 @@
+"""The page: who may use it, that nothing fires twice, and the whole way in headless Chromium."""
+
+from __future__ import annotations
+
+import json
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import uvicorn
+
+from hdsafebo.session.create import create_session
+from hdsafebo.session.month import answer, simulated_patient
+from hdsafebo.session.responses import Responses
+from hdsafebo.session.session import Session
+from hdsafebo.session.web.app import Page
+from hdsafebo.session.web.guard import is_loopback
+from tests.session.browser import CHROMIUM, DRIVER, Browser, free_port, wait_for
+from tests.session.small import bowl
+
+needs_browser = pytest.mark.skipif(
+    CHROMIUM is None or DRIVER is None,
+    reason="chromium and chromedriver are not installed (apt install chromium-driver)",
+)
+
+
+class Served:
+    """A page that is being served."""
+
+    def __init__(self, directory: Path, token: str | None = None) -> None:
+        self.page = Page(directory)
+        self.port = free_port()
+        self.address = f"http://127.0.0.1:{self.port}"
+        config = uvicorn.Config(self.page.app(token), port=self.port, log_level="error", ws="none")
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._server.run)
+        self._thread.start()
+        wait_for(lambda: self._server.started, "the server")
+
+    def stop(self) -> None:
+        self._server.should_exit = True
+        self._thread.join(20)
+        self.page.close()
+
+    def get(self, path: str, **headers: str) -> tuple[int, str]:
+        """Status and text of an answer."""
+        return _fetch(urllib.request.Request(self.address + path, headers=headers))
+
+    def post(self, step: str, body: Any, **headers: str) -> tuple[int, Any]:
+        """Status and content of the answer to a step."""
+        data = body if isinstance(body, bytes) else json.dumps(body).encode()
+        headers = {"X-Session-Page": "1", "Content-Type": "application/json"} | headers
+        code, text = _fetch(
+            urllib.request.Request(f"{self.address}/api/{step}", data, headers, method="POST")
+        )
+        return code, json.loads(text) if text.startswith("{") else text
+
+    def status(self) -> Any:
+        return json.loads(self.get("/api/status")[1])
+
+    def step(self, step: str, **body: Any) -> tuple[int, Any]:
+        """A step as the page sends it."""
+        return self.post(step, {"who": "ann", "head": self.status()["head"]["hash"], **body})
+
+
+def _fetch(request: urllib.request.Request) -> tuple[int, str]:
+    try:
+        with urllib.request.urlopen(request, timeout=60) as answer_:
+            return answer_.status, answer_.read().decode()
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, error.read().decode()
+
+
+@pytest.fixture
+def bench(make_session: Any) -> Iterator[Served]:
+    """The page of a box session."""
+    session = make_session()
+    session.close()
+    served = Served(session.store.path.parent)
+    yield served
+    served.stop()
+
+
+def test_steps_over_the_page_are_steps_of_the_session(bench: Served) -> None:
+    assert bench.step("suggest") == (200, {})
+    suggestion = bench.status()["suggestion"]
+    assert bench.step("approve", suggestion=suggestion["number"]) == (200, {})
+    running = bench.status()["running"]
+    values = bowl(running["point"]["values"])
+    assert bench.step("record", trial=running["number"], values=values) == (200, {})
+    status = bench.status()
+    assert status["running"] is None
+    assert status["history"][0]["outcomes"]["speed"] == pytest.approx(values["speed"])
+    assert "not a medical device" in status["disclaimer"]
+    for picture in ("course", "calibration"):
+        code, text = bench.get(f"/api/{picture}.svg")
+        assert code == 200
+        assert text.startswith("<svg")
+
+
+def test_a_step_that_fires_twice_is_done_once(bench: Served) -> None:
+    head = bench.status()["head"]["hash"]
+    assert bench.post("suggest", {"who": "ann", "head": head})[0] == 200
+    seen = bench.status()
+    body = {"who": "ann", "head": seen["head"]["hash"], "suggestion": seen["suggestion"]["number"]}
+    codes: list[int] = []
+    threads = [
+        threading.Thread(target=lambda: codes.append(bench.post("approve", body)[0])) for _ in range(8)
+    ]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join()
+    assert sorted(codes) == [200] + [409] * 7
+    assert bench.status()["head"]["seq"] == seen["head"]["seq"] + 1
+
+
+def test_stop_works_without_having_seen_the_latest(bench: Served) -> None:
+    assert bench.post("stop", {"who": "patient", "head": "old", "reason": "it hurts"}) == (200, {})
+    assert bench.status()["stopped"] == "it hurts"
+    code, result = bench.step("suggest")
+    assert code == 422
+    assert "stopped" in result["error"]
+    assert bench.step("resume")[0] == 200
+
+
+def test_looking_at_inputs_changes_nothing(bench: Served) -> None:
+    before = bench.status()["head"]
+    code, result = bench.post("look", {"point": {"values": [0.5, 0.5, 0.0]}})
+    assert code == 200
+    assert result["breaches"] == []
+    assert result["belief"]["safe_probability"] > 0.9
+    assert bench.post("look", {"point": {"values": [0.5, 0.5, 2.0]}})[1]["breaches"]
+    assert bench.status()["head"] == before
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"no json", b"[]", b"{}", b'{"who": 1}', b'{"who": "ann", "head": "x"}', b"[" * 100_000]
+)
+def test_malformed_requests_are_answered(bench: Served, body: bytes) -> None:
+    before = bench.status()["head"]
+    for step in ("suggest", "approve", "record", "manual"):
+        assert bench.post(step, body)[0] in (400, 409, 422)
+    assert bench.status()["head"] == before
+
+
+def test_other_sites_and_foreign_names_are_turned_away(bench: Served) -> None:
+    assert bench.get("/", Host="evil.example")[0] == 403
+    request = urllib.request.Request(
+        f"{bench.address}/api/stop", b'{"who": "x", "reason": "x"}', method="POST"
+    )
+    assert _fetch(request)[0] == 403
+    assert bench.status()["stopped"] is None
+    assert bench.get("/static/../app.py")[0] == 404
+
+
+def test_a_page_that_others_reach_needs_its_token(make_session: Any) -> None:
+    session = make_session()
+    session.close()
+    served = Served(session.store.path.parent, token="secret-token")
+    try:
+        assert served.get("/")[0] == 401
+        assert served.get("/api/status")[0] == 401
+        assert served.get("/?token=wrong")[0] == 401
+        assert served.post("stop", {"who": "x", "reason": "x"})[0] == 401
+        assert served.get("/", Cookie="hdsafebo_session=secret-token", Host="bench.local")[0] == 200
+        assert served.get("/api/status", Cookie="hdsafebo_session=secret-token")[0] == 200
+    finally:
+        served.stop()
+
+
+def test_what_counts_as_this_computer() -> None:
+    assert all(map(is_loopback, ("127.0.0.1", "localhost", "::1", "[::1]", "127.9.9.9")))
+    assert not any(map(is_loopback, ("0.0.0.0", "192.168.1.2", "localhost.example", "", "example.org", "::")))
+
+
+@needs_browser
+def test_the_whole_way_in_a_browser(
+    tmp_path: Path, responses: Responses, clinic_files: tuple[Path, Path]
+) -> None:
+    """Suggest, change, approve (clicked five times), record with a file, refuse, stop, resume, own trial."""
+    definition, initial = clinic_files
+    session = create_session(tmp_path / "s", definition, who="ann", initial=initial)
+    patient = simulated_patient(session, responses, 1)
+    served = Served(tmp_path / "s")
+    try:
+        with Browser(tmp_path / "profile") as browser:
+            _walk(browser, served, session, patient, tmp_path)
+    finally:
+        served.stop()
+
+
+def _walk(browser: Browser, served: Served, session: Session, patient: Any, folder: Path) -> None:
+    browser.open(served.address)
+    wait_for(lambda: browser.text("#title") == "Ready", "the page")
+    assert "not a medical device" in browser.text("#disclaimer")
+    browser.click("button[data-step=Suggest]")
+    wait_for(lambda: "who is empty" in browser.text("#message"), "the question for a name")
+    browser.type("#who", "Ann")
+    browser.click("button[data-step=Suggest]")
+    wait_for(lambda: browser.text("#title").startswith("Suggestion 1"), "a suggestion")
+    session.refresh()
+    point = session.state.suggestions[0].point
+    signs = browser.run(
+        "return [...document.querySelectorAll('#paddle rect[data-contact]')].map(r => r.getAttribute('fill'))"
+    )
+    assert [s != "#ffffff" for s in signs] == [p != 0 for p in point["polarity"]]
+    assert browser.text("#values") == f"{point['current_ma']} mA"
+    assert "%" in browser.text("#belief")
+
+    browser.click("button[data-step=Change]")
+    browser.type("#values input", "9")
+    wait_for(lambda: "the limit" in browser.text("#breaches"), "the limits")
+    browser.click("button[data-step=Back]")
+
+    browser.run(
+        "const b = document.querySelector('button[data-step=Approve]'); for (let i = 0; i < 5; i++) b.click();"
+    )
+    wait_for(lambda: browser.text("#title").startswith("Trial 133"), "the trial")
+    session.refresh()
+    assert [e.kind for e in session.entries].count("approved") == 1
+
+    _, response = answer(session, patient)
+    recording = folder / "trial133.csv"
+    assert response.recording is not None
+    recording.write_bytes(response.recording[:1000])
+    browser.type("#file", str(recording))
+    for rater, score in response.scores.items():
+        browser.type(f"#entries input[name={rater}]", f"{score:g}")
+    browser.click("button[data-step=Record]")
+    wait_for(lambda: "trial133.csv" in browser.text("#message"), "the refusal of a cut recording")
+    recording.write_bytes(response.recording)
+    browser.type("#file", str(recording))
+    browser.click("button[data-step=Record]")
+    wait_for(lambda: browser.text("#title") == "Ready", "the record")
+    session.refresh()
+    assert session.state.trials[-1].safety == {"score": min(response.scores.values())}
+    assert session.state.trials[-1].details["recording"]["name"] == "trial133.csv"
+    assert browser.text("#history tbody tr td") == "133"
+
+    browser.click("button[data-step=Suggest]")
+    wait_for(lambda: browser.text("#title").startswith("Suggestion 2"), "the next suggestion")
+    browser.click("button[data-step=Refuse]")
+    browser.type("#reason", "the patient is tired")
+    browser.click("button[data-step=Refuse]")
+    wait_for(lambda: browser.text("#title") == "Ready", "the refusal")
+    browser.click("#stop")
+    wait_for(lambda: "Stopped" in browser.text("#stopped"), "the stop")
+    browser.click("#resume")
+    wait_for(
+        lambda: browser.run("return document.querySelector('button[data-step=Suggest]') !== null"),
+        "the resumption",
+    )
+    browser.click("button[data-step='Own trial']")
+    browser.type("#values input", "0.1")
+    wait_for(
+        lambda: browser.text("#breaches") == "" and browser.text("#belief") != "", "a look at my own trial"
+    )
+    browser.click("button[data-step='Deliver this']")
+    wait_for(lambda: browser.text("#title").startswith("Trial 134 (manual)"), "my own trial")
+    session.refresh()
+    assert [e.kind for e in session.entries[-4:]] == ["refused", "stopped", "resumed", "manual"]
+    assert session.entries[-4].payload["reason"] == "the patient is tired"
+    assert all(e.who == "Ann" for e in session.entries[-4:])
+    browser.picture(folder / "page.png")
+    # the browser notes each refused request as an error of its own; nothing else may be there
+    assert [e for e in browser.errors() if "422" not in e] == []
