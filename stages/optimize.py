@@ -5,14 +5,12 @@ from __future__ import annotations
 import argparse
 
 from hdsafebo.campaign.item import run_item
-from hdsafebo.campaign.tracking import Tracker
 from hdsafebo.stage import Stage, run_stage
 
 
 def main(stage: Stage) -> None:
     """Run one method on one task; finished rounds of a run that was cut are kept and not computed again."""
     task, method = stage.options.task, stage.options.method
-    assert isinstance(stage.tracker, Tracker)
     for result in run_item(task, method, stage.params, stage.root, stage.tracker):
         if result.abstained is not None:
             trials = len(result.rows["trial"])

@@ -195,6 +195,8 @@ class Problem(ABC):
         features: affine map from inputs (n, D) to kernel inputs (n, p), when distances between
             inputs say little; None uses the searched space itself.
         optimum: best safe objective when it is known (used in reports only).
+        depends_on_history: results depend on what was evaluated before (as those of a function that is
+            drawn while it is looked at), so that a resumed run must evaluate all of it again.
     """
 
     name: str
@@ -203,6 +205,7 @@ class Problem(ABC):
     candidates: CandidateSet | None = None
     features: Callable[[FloatArray], FloatArray] | None = None
     optimum: float | None = None
+    depends_on_history: bool = True
 
     @abstractmethod
     def evaluate(self, trials: Trials) -> Evaluation:

@@ -68,7 +68,9 @@ def _bar(total: int, description: str) -> Iterator[Advance]:
         task = bars.add_task(description, total=total, note="")
 
         def advance(steps: int = 1, note: str = "") -> None:
-            bars.update(task, advance=steps, **({"note": note} if note else {}))
+            bars.update(task, advance=steps)
+            if note:
+                bars.update(task, note=note)
 
         yield advance
 

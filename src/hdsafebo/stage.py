@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import resource
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from hdsafebo.errors import HdSafeBOError, ParamsError
+from hdsafebo.campaign.tracking import Tracker, track_stage
+from hdsafebo.errors import HdSafeBOError, ParamsError, UnknownNameError
 from hdsafebo.params import Params, load_params
 
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
+COSTS_FILE = ".journal/stage_costs.jsonl"
 
 
 class Stage:
@@ -24,10 +28,11 @@ class Stage:
         params: the checked parameters.
         root: the project's directory.
         options: the stage's own command line options.
+        tracker: mirrors numbers and files to the tracking server.
     """
 
     def __init__(
-        self, name: str, params: Params, root: Path, options: argparse.Namespace, tracker: object
+        self, name: str, params: Params, root: Path, options: argparse.Namespace, tracker: Tracker
     ) -> None:
         self.name = name
         self.params = params
@@ -43,11 +48,11 @@ class Stage:
 
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
         """Mirror numbers to the tracking server, if there is one."""
-        self.tracker.log_metrics(dict(metrics), step=step)  # type: ignore[attr-defined]
+        self.tracker.log_metrics(dict(metrics), step=step)
 
     def log_artifact(self, path: Path) -> None:
         """Mirror a file or a directory to the tracking server, if there is one."""
-        self.tracker.log_artifact(path)  # type: ignore[attr-defined]
+        self.tracker.log_artifact(path)
 
     def notice(self, message: str) -> None:
         """Tell the user something that must not be missed."""
@@ -90,18 +95,32 @@ def run_stage(
     start = time.perf_counter()
     try:
         params = load_params(arguments.params or root / "params.yaml")
-        from hdsafebo.campaign.tracking import track_stage
-
         tracked = {block: lookup(params, block) for block in blocks}
         with track_stage(name, tracked, root, enabled=params.tracking.enabled) as tracker:
             main(Stage(name, params, root, arguments, tracker))
-    except ParamsError as error:
+    except (ParamsError, UnknownNameError) as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(EXIT_BAD_INPUT) from None
     except HdSafeBOError as error:
         print(f"error in stage {name}: {error}", file=sys.stderr)
         raise SystemExit(EXIT_FAILED) from None
-    print(f"{name}: done in {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
+    seconds = time.perf_counter() - start
+    _record_cost(root, params.profile, name, arguments, seconds)
+    print(f"{name}: done in {seconds:.1f} s", file=sys.stderr, flush=True)
+
+
+def _record_cost(root: Path, profile: str, name: str, arguments: argparse.Namespace, seconds: float) -> None:
+    """Append wall time and peak memory of the stage to a log outside DVC's outs, which must not change."""
+    item = [str(value) for key, value in vars(arguments).items() if key not in ("root", "params")]
+    peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    cost = {"profile": profile, "stage": name, "item": item, "seconds": round(seconds, 1)}
+    path = root / COSTS_FILE
+    try:
+        path.parent.mkdir(exist_ok=True)
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(cost | {"peak_mb": round(peak / 1024)}) + "\n")
+    except OSError as error:
+        print(f"NOTICE [{name}]: {path} cannot be written: {error.strerror}", file=sys.stderr)
 
 
 def lookup(params: Params, key: str) -> object:

@@ -87,11 +87,16 @@ class _Run:
         self.optimizer: Optimizer
         if state is None:
             self.optimizer = make_optimizer(
-                spec.method, self.problem, embedding=embedding, seed=spec.method_seed(), **settings
+                spec.method,
+                self.problem,
+                embedding=embedding,
+                seed=spec.method_seed(),
+                bounds=None if original else task.latent_bounds,
+                **settings,
             )
         else:
             self.optimizer = load_optimizer(spec.method, state[1], self.problem, embedding)
-        self.own_design = not getattr(self.optimizer, "uses_initial_data", True)
+        self.own_design = not self.optimizer.uses_initial_data
         self._state_seconds = 0.0
         self._state_time = time.monotonic()
 
@@ -120,7 +125,7 @@ class _Run:
 
     def _pass_saved_rounds(self) -> None:
         """Take a problem with a memory through the rounds that the saved state already knows."""
-        if not _has_memory(self.problem):
+        if not self.problem.depends_on_history:
             return
         first = 0
         for entry in self.journal.rounds[: self.saved_rounds]:
@@ -138,7 +143,7 @@ class _Run:
         known = self.journal.rounds[number] if number < len(self.journal.rounds) else None
         if known is not None:
             self._same_points(known, trials)
-        if known is None or _has_memory(self.problem):
+        if known is None or self.problem.depends_on_history:
             told = trials.with_results(self.problem.evaluate(trials))
         else:
             told = trials.with_results(_evaluation_of(known, self.problem))
@@ -230,11 +235,6 @@ class _Run:
             "space": self.space,
             "dimension": int(self.optimizer.trials.z.shape[1]),
         }
-
-
-def _has_memory(problem: Problem) -> bool:
-    """Whether results of a problem depend on what was evaluated before."""
-    return bool(getattr(problem, "depends_on_history", True))
 
 
 def _evaluation_of(entry: Round, problem: Problem) -> Evaluation:

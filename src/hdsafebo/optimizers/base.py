@@ -50,6 +50,7 @@ class Optimizer(ABC):
         name: name of the method.
         Settings: its settings.
         consults_model: False for methods that never fit a Gaussian process.
+        uses_initial_data: False for methods that ask for initial trials of their own.
         settings: the checked settings.
         rng: the only source of randomness.
         round: number of rounds asked so far.
@@ -62,6 +63,7 @@ class Optimizer(ABC):
     name: ClassVar[str]
     Settings: ClassVar[type[OptimizerSettings]] = OptimizerSettings
     consults_model: ClassVar[bool] = True
+    uses_initial_data: ClassVar[bool] = True
 
     def __init__(
         self,

@@ -33,6 +33,8 @@ class ThickDigit(Problem):
         DatasetError: no image of the digit is recognised.
     """
 
+    depends_on_history = False
+
     def __init__(
         self,
         digit: int,

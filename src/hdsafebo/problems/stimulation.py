@@ -86,6 +86,8 @@ class SelectiveStimulation(Problem):
         DatasetError: no row is safe.
     """
 
+    depends_on_history = False
+
     def __init__(
         self,
         target: str,
