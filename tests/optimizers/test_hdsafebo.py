@@ -35,7 +35,7 @@ def drawn(optimizer: HdSafeBO, monkeypatch: pytest.MonkeyPatch) -> list[tuple[np
 def test_line_6_box_around_the_best_safe_point(
     monkeypatch: pytest.MonkeyPatch, box: str, half: float
 ) -> None:
-    optimizer = made_with(length_initial=0.2, box=box)
+    optimizer = made_with(length_initial=0.2, box=box, unit="box")
     centre = optimizer.best().x[0]
     (lower, upper), *_ = drawn(optimizer, monkeypatch)
     np.testing.assert_allclose(lower, np.clip(centre - half, 0, 1))
@@ -43,7 +43,7 @@ def test_line_6_box_around_the_best_safe_point(
 
 
 def test_line_6_in_length_scales(monkeypatch: pytest.MonkeyPatch) -> None:
-    optimizer = made_with(length_initial=0.2, unit="length_scale")
+    optimizer = made_with(length_initial=0.2)
     (lower, upper), *_ = drawn(optimizer, monkeypatch)
     inside = (lower > 0) & (upper < 1)
     assert inside.any()
@@ -67,7 +67,7 @@ def test_lines_7_and_8_sample_only_what_is_believed_safe(monkeypatch: pytest.Mon
 
 def test_too_few_safe_candidates_shrink_the_box(monkeypatch: pytest.MonkeyPatch) -> None:
     """One safe point amid unsafe ones: only its close neighbourhood is believed safe."""
-    optimizer = HdSafeBO(bowl_problem(), beta=-2.0, seed=0)
+    optimizer = HdSafeBO(bowl_problem(), beta=-2.0, seed=0, unit="box")
     x = np.random.default_rng(0).random((60, 4))
     x[0] = 0.5
     safety = np.full(60, -1.0)

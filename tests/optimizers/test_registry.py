@@ -23,6 +23,7 @@ def test_unknown_name_lists_the_valid_ones() -> None:
 
 def test_ablations_are_settings_of_the_same_class() -> None:
     for name, key, value in (
+        ("hdsafebo_literal", "unit", "box"),
         ("hdsafebo_global", "local", False),
         ("hdsafebo_pessimistic", "beta", -2.0),
         ("hdsafebo_beta16", "beta", 16.0),

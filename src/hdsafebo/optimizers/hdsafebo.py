@@ -42,8 +42,9 @@ class HdSafeBOSettings(OptimizerSettings):
         failure_tolerance: tau_f; None is SCBO's ceil(max(4 / q, d / q)) for a round of q trials.
         box: l_t is the "side" of the box, z* -+ l_t / 2, as in SCBO and the text of section 4.2, or its
             "half_width", z* -+ l_t, as line 6 of Algorithm 1 is printed.
-        unit: l_t counts widths of the searched box ("box", as in SCBO) or fitted length scales
-            ("length_scale").
+        unit: l_t counts fitted length scales ("length_scale") or widths of the searched box ("box", as in
+            SCBO, and what the text says literally). Only the first reaches the figures of the paper's
+            synthetic task; the second is `hdsafebo_literal` in the registry.
         batch_success: a round succeeds when it "improved" the best safe objective (Algorithm 2, line 1),
             or only when it "improved_and_all_safe" (section 4.2: "while maintaining comprehensive safety").
         candidates: number of Sobol points in the box; None is BoTorch's min(5000, max(2000, 200 d)).
@@ -58,7 +59,7 @@ class HdSafeBOSettings(OptimizerSettings):
     success_tolerance: int = Field(default=10, ge=1)
     failure_tolerance: int | None = Field(default=None, ge=1)
     box: Literal["side", "half_width"] = "side"
-    unit: Literal["box", "length_scale"] = "box"
+    unit: Literal["length_scale", "box"] = "length_scale"
     batch_success: Literal["improved", "improved_and_all_safe"] = "improved_and_all_safe"
     candidates: int | None = Field(default=None, ge=1)
     perturbed: int | None = Field(default=None, ge=1)
