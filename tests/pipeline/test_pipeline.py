@@ -111,12 +111,19 @@ def test_a_second_repro_runs_nothing(finished: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [
-        ("tasks.hand.budget.batch", 5, {"optimize_hand@"}),
-        ("tasks.synthetic.problem.threshold", -0.5, {"optimize_synthetic@"}),
+        ("tasks.hand.budget.batch", 4, {"optimize_hand@", "report"}),
+        ("tasks.synthetic.problem.threshold", -0.5, {"optimize_synthetic@", "report"}),
+        ("isometry.points", 1000, {"check_isometry"}),
+        ("report.confidence", 0.9, {"report"}),
         (
             "methods.sobol",
             {"unused": 1},
-            {"optimize_synthetic@sobol", "optimize_hand@sobol", "optimize_scs@"},
+            {
+                "optimize_synthetic@sobol",
+                "optimize_hand@sobol",
+                "optimize_scs@scs_st-sobol",
+                "optimize_digits@digits_3-sobol",
+            },
         ),
         ("tracking.enabled", False, set()),
         ("compute.workers", 1, set()),
