@@ -318,7 +318,7 @@ class HandProblem(Block):
     reported: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
     modelled: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
     modelled_local: Annotated[list[HandSafety], Field(min_length=1)] = ["no_drop"]
-    directions: Count = 8
+    directions: Count = 4
 
 
 class HandTask(Block):

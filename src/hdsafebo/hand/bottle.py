@@ -14,8 +14,8 @@ LENGTH = 0.21
 """m, from end to end."""
 MASS = 0.5
 """kg, spread uniformly."""
-FRICTION = (0.5, 0.01, 0.0005)
-"""Sliding (-), torsional (m) and rolling (m) coefficients of skin on plastic."""
+FRICTION = (1.0, 0.01, 0.0005)
+"""Sliding (-), torsional (m) and rolling (m) coefficients; the sliding one is that of MyoHand's skin."""
 
 
 def add_bottle(spec: mujoco.MjSpec) -> None:

@@ -113,7 +113,8 @@ def behaviour_map(moment: FloatArray, directions: int) -> FloatArray:
     Raises:
         HandModelError: S is no second moment, or has fewer directions.
     """
-    if moment.ndim != 2 or not np.allclose(moment, moment.T) or not 1 <= directions <= len(moment):
+    square = moment.ndim == 2 and moment.shape[0] == moment.shape[1]
+    if not square or not np.allclose(moment, moment.T) or not 1 <= directions <= len(moment):
         raise HandModelError(f"second moment of shape {moment.shape} for {directions} directions")
     values, vectors = np.linalg.eigh(moment)
     leading = np.argsort(values)[::-1][:directions]

@@ -4,7 +4,7 @@ Objective: the sum of rewards of an episode. Safety functions:
 
 * `landing_speed` (the paper's, reported): minus the speed at which the bottle crosses 0.4 m, or that it has
   at the end of the episode; threshold -4.4 m/s.
-* `no_drop`: 1 when the bottle was held to the end, else the share of the horizon that passed minus 1;
+* `no_drop`: 1 when the bottle was held to the end, else minus the share of the horizon that was left;
   threshold 0. Held bottles end at about 0 m/s and dropped ones at 4.1 to 4.5 m/s, so the landing speed is
   nearly binary and its threshold lies within the drops, where the speed says nothing about the policy: a
   Gaussian process of it is blind. One of `no_drop` sees the boundary between the modes, and never dropping
@@ -65,6 +65,7 @@ class HandPolicies(Problem):
     """
 
     name = "hand"
+    depends_on_history = False
 
     def __init__(
         self,
@@ -86,9 +87,12 @@ class HandPolicies(Problem):
     def evaluate(self, trials: Trials) -> Evaluation:
         """One episode per policy; a simulation that diverges is a failed evaluation."""
         outcome = evaluate_policies(self.scene, self.space, trials.x)
+        lost = (
+            self.scene.horizon + 1 - outcome.steps
+        )  # control steps left when the bottle dropped, at least 1
         columns = {
             "landing_speed": -outcome.landing_speed,
-            "no_drop": np.where(outcome.dropped, outcome.steps / self.scene.horizon - 1.0, 1.0),
+            "no_drop": np.where(outcome.dropped, -lost / self.scene.horizon, 1.0),
             "handling_speed": -outcome.handling_speed,
         }
         safety = np.stack([columns[function.name] for function in self.safety], axis=1)

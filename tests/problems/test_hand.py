@@ -1,0 +1,169 @@
+"""The hand as a problem: its two spaces, safety functions and kernel features."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdsafebo.errors import HandModelError
+from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.reference import save_moment
+from hdsafebo.hand.rollout import Scene, evaluate_policies
+from hdsafebo.hand.synergies import Synergies, save_synergies
+from hdsafebo.params import HandProblem, Params, parse_params
+from hdsafebo.problem import Status, Trials, check_problem
+from hdsafebo.problems import hand as module
+from hdsafebo.problems.hand import HandPolicies, behaviour_features, make_task, safety_functions
+from hdsafebo.problems.registry import Task
+
+SCENE = Scene("forearm", horizon=40)
+BUDGET = {"initial": 4, "trials": 6, "batch": 1, "seeds": 1}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project whose synergies are random orthonormal directions."""
+    directory = tmp_path_factory.mktemp("root")
+    (directory / "models/synergies").mkdir(parents=True)
+    hand = SCENE.simulation().hand
+    rng = np.random.default_rng(0)
+    basis = np.linalg.qr(rng.standard_normal((43, 10)))[0].T
+    synergies = Synergies(
+        np.full(43, 0.3), basis, np.linspace(0.1, 1, 10), hand.muscles, hand.variant, hand.digest
+    )
+    save_synergies(directory / module.SYNERGY_FILE, synergies)
+    root_of_moment = rng.standard_normal((55, 55))
+    save_moment(directory / module.MOMENT_FILE, root_of_moment @ root_of_moment.T, hand)
+    return directory
+
+
+@pytest.fixture(scope="module")
+def params() -> Params:
+    tasks = {
+        "synthetic": {"budget": BUDGET, "methods": []},
+        "hand": {"budget": BUDGET, "methods": []},
+        "scs": {"budget": BUDGET, "methods": [], "tasks": []},
+        "digits": {"budget": BUDGET, "methods": [], "tasks": []},
+    }
+    scene = {"variant": "forearm", "horizon": 40}
+    return parse_params({"profile": "test", "hand": {"scene": scene}, "tasks": tasks, "methods": {}})
+
+
+@pytest.fixture(scope="module")
+def make(root: Path, params: Params) -> Callable[[str], Task]:
+    return lambda method: make_task("hand", params, method=method, seed=0, root=root)
+
+
+def problem_of(task: Task) -> HandPolicies:
+    assert isinstance(task.problem, HandPolicies)
+    return task.problem
+
+
+def test_spaces_and_bounds(make: Callable[[str], Task]) -> None:
+    task = make("hdsafebo")
+    problem = problem_of(task)
+    check_problem(problem)
+    assert problem.bounds.shape == (2, 43 * 55)
+    assert task.latent_bounds is not None
+    np.testing.assert_array_equal(task.latent_bounds, np.tile([[-3.0], [3.0]], (1, 5 * 55)))
+    x, rows = problem.initial(50, np.random.default_rng(0))
+    assert (rows == -1).all()
+    assert (x >= problem.bounds[0]).all()
+    assert (x <= problem.bounds[1]).all()
+    corner = problem.codec.decode(3 * np.sign(np.random.default_rng(1).standard_normal((200, 275))))
+    assert np.abs(corner).max() <= problem.bounds[1].max() + 1e-12
+
+
+def test_codes_come_back_and_distances_stay(make: Callable[[str], Task]) -> None:
+    codec = problem_of(make("hdsafebo")).codec
+    z = np.random.default_rng(0).uniform(-3, 3, (4, 275))
+    np.testing.assert_allclose(codec.encode(codec.decode(z)), z, atol=1e-12)
+    gap = codec.decode(z[:1]) - codec.decode(z[1:2])
+    assert np.linalg.norm(gap) == pytest.approx(np.linalg.norm(z[0] - z[1]))
+
+
+def test_evaluation_is_that_of_the_policy_over_synergies(make: Callable[[str], Task]) -> None:
+    problem = problem_of(make("hdsafebo"))
+    x, _ = problem.initial(4, np.random.default_rng(3))
+    found = problem.evaluate(Trials.pending(x, x, 3))
+    expected = evaluate_policies(SCENE, problem.space, x)
+    np.testing.assert_array_equal(found.objective, expected.total_reward)
+    np.testing.assert_array_equal(found.safety[:, 0], -expected.landing_speed)
+    np.testing.assert_array_equal(found.safety[:, 1] >= 0, ~expected.dropped)
+    np.testing.assert_array_equal(found.safety[:, 2], -expected.handling_speed)
+    assert not found.failed.any()  # type: ignore[union-attr]
+    again = problem.evaluate(Trials.pending(x, x, 3))
+    np.testing.assert_array_equal(again.safety, found.safety)
+
+
+def test_reported_safety_is_the_landing_speed(make: Callable[[str], Task]) -> None:
+    problem = make("hdsafebo").problem
+    values = np.array([[-4.39, -0.5, -5.0], [-4.41, 1.0, 0.0], [0.0, 1.0, -2.0]])
+    np.testing.assert_array_equal(problem.is_safe(values), [True, False, True])
+    np.testing.assert_allclose(problem.violation(values), [0, 0.01, 0])
+
+
+def test_what_is_modelled_depends_on_the_method(make: Callable[[str], Task]) -> None:
+    def modelled(method: str) -> list[str]:
+        return [function.name for function in make(method).problem.safety if function.modelled]
+
+    assert modelled("hdsafebo") == modelled("scbo_original") == ["landing_speed"]
+    assert modelled("hdsafebo_local") == ["no_drop"]
+    several = safety_functions(HandProblem(handling_limit=0.9), 4.4, ["no_drop", "handling_speed"])
+    assert [(s.name, s.threshold, s.modelled) for s in several] == [
+        ("landing_speed", -4.4, False),
+        ("no_drop", 0.0, True),
+        ("handling_speed", -0.9, True),
+    ]
+
+
+def test_features_are_linear_and_only_for_the_local_method(make: Callable[[str], Task]) -> None:
+    assert make("hdsafebo").problem.features is None
+    features = make("hdsafebo_local").problem.features
+    assert features is not None
+    x = np.random.default_rng(0).standard_normal((2, 43 * 55))
+    assert features(x).shape == (2, 43 * 4)
+    np.testing.assert_allclose(features(x[:1] - 2 * x[1:]), features(x)[:1] - 2 * features(x)[1:], atol=1e-9)
+
+
+def test_feature_distance_is_the_behaviour_metric() -> None:
+    rng = np.random.default_rng(0)
+    half = rng.standard_normal((6, 6))
+    features = behaviour_features(half @ half.T, 6)
+    one, other = rng.standard_normal((2, 4, 6))
+    gap = one - other
+    distance = np.sum((features(one.reshape(1, -1)) - features(other.reshape(1, -1))) ** 2)
+    assert distance == pytest.approx(np.trace(gap @ half @ half.T @ gap.T))
+
+
+def test_a_diverging_simulation_is_a_failed_trial(
+    make: Callable[[str], Task], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hdsafebo.hand import simulation
+
+    monkeypatch.setattr(simulation, "MAX_JOINT_SPEED", 0.1)
+    problem = make("hdsafebo").problem
+    x, _ = problem.initial(2, np.random.default_rng(0))
+    trials = Trials.pending(x, x, 3).with_results(problem.evaluate(Trials.pending(x, x, 3)))
+    assert (trials.status == Status.FAILED).all()
+    assert np.isnan(trials.objective).all()
+    assert np.isnan(trials.safety).all()
+
+
+def test_bad_input(make: Callable[[str], Task], params: Params, tmp_path: Path) -> None:
+    problem = make("hdsafebo").problem
+    with pytest.raises(HandModelError, match=r"expected \(n, 2365\): 43 x 55 weights"):
+        problem.evaluate(Trials.pending(np.zeros((1, 3575)), np.zeros((1, 3575)), 3))
+    with pytest.raises(HandModelError, match="cannot be read as synergies"):
+        make_task("hand", params, method="hdsafebo", seed=0, root=tmp_path)
+
+
+def test_paper_size(root: Path) -> None:
+    hand = Scene("extended").simulation()
+    space = PolicySpace(np.full(55, 0.3), np.eye(55)[:5], hand.observer.size)
+    problem = HandPolicies(Scene("extended"), space, 3.0, safety_functions(HandProblem(), 4.4, ["no_drop"]))
+    assert problem.bounds.shape == (2, 3575)
+    assert problem.codec.space.dimension == 325
