@@ -1,6 +1,6 @@
 """Sessions at full size: the simulated month, and the time of a suggestion.
 
-    python benchmarks/session.py month --patients 10      the paper's protocol on simulated patients (resumable)
+    python benchmarks/session.py month --patients 10      the paper's protocol, simulated (resumable)
     python benchmarks/session.py suggest                  time of a suggestion with 1,000 trials known
 
 Both need `data/spinal/stimulation.parquet` (stage traverse_stimulation). A month is a session like any other
@@ -129,7 +129,7 @@ def _session(directory: Path, responses: Responses, seed: int, known: int | None
 
 
 def _random_trials(responses: Responses, initial: Path, known: int) -> str:
-    """Initial trials at random rows of the model's table; what was measured comes from the model, without noise."""
+    """Initial trials at random rows of the model's table, without noise."""
     rng = np.random.default_rng(0)
     header = initial.read_text().split("\n")[0]
     configurations = list(responses.index)

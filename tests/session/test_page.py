@@ -218,9 +218,8 @@ def _walk(browser: Browser, served: Served, session: Session, patient: Any, fold
     wait_for(lambda: "the limit" in browser.text("#breaches"), "the limits")
     browser.click("button[data-step=Back]")
 
-    browser.run(
-        "const b = document.querySelector('button[data-step=Approve]'); for (let i = 0; i < 5; i++) b.click();"
-    )
+    approve = "const b = document.querySelector('button[data-step=Approve]');"
+    browser.run(f"{approve} for (let i = 0; i < 5; i++) b.click();")
     wait_for(lambda: browser.text("#title").startswith("Trial 133"), "the trial")
     session.refresh()
     assert [e.kind for e in session.entries].count("approved") == 1

@@ -254,11 +254,16 @@ class Advisor:
         return {
             "objective": {"mean": float(mean[0]), "sd": float(deviation[0])},
             "safety": {
-                name: {"mean": float(safety_mean[0, j]), "sd": float(safety_deviation[0, j])}
+                name: self._shown(name, float(safety_mean[0, j]), float(safety_deviation[0, j]))
                 for j, name in enumerate(names)
             },
             "safe_probability": float(surrogate.safe_probability(inputs)[0]),
         }
+
+    def _shown(self, name: str, mean: float, deviation: float) -> dict[str, float]:
+        """A safety function's prediction in its own units: the mean, two standard deviations around it."""
+        values = {"mean": mean, "low": mean - 2.0 * deviation, "high": mean + 2.0 * deviation}
+        return {key: self._search.space.shown_safety(name, value) for key, value in values.items()}
 
     def _reproduce(self, entry: Entry) -> None:
         """Compute a suggestion of the log again, unless it was just computed here.

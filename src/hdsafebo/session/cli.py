@@ -139,9 +139,10 @@ def _suggest(arguments: argparse.Namespace) -> None:
     print(
         f"suggestion {suggestion.number} for {suggestion.target}: {session.space.describe(suggestion.point)}"
     )
-    print(f"  predicted {suggestion.target}: {objective['mean']:.3f} +- {objective['sd']:.3f}")
+    low, high = (objective["mean"] + k * objective["sd"] for k in (-2, 2))
+    print(f"  predicted {suggestion.target}: {objective['mean']:.3f}, {low:.3f} to {high:.3f} (two sd)")
     for name, value in belief["safety"].items():
-        print(f"  predicted {name}: {value['mean']:.2f} +- {value['sd']:.2f}")
+        print(f"  predicted {name}: {value['mean']:.2f}, {value['low']:.2f} to {value['high']:.2f}")
     alpha = promised(session)["alpha"]
     print(f"  safe with probability {belief['safe_probability']:.3f} (the method promises {alpha:.3f})")
     if belief["marked_unsafe"]:

@@ -118,6 +118,10 @@ class Space(ABC):
         if wrong:
             raise LimitError(f"{self.describe(point)} is outside the hard limits: {'; '.join(wrong)}")
 
+    def shown_safety(self, name: str, modelled: float) -> float:
+        """A safety value in its own units, from the units it is modelled in (after `Safety.transform`)."""
+        return modelled
+
     def safe(self, safety: Mapping[str, float]) -> bool:
         """Whether every safety value meets its threshold."""
         return all(safety[s.name] >= s.threshold for s in self.safety)

@@ -1,9 +1,8 @@
 """The stimulations that may be suggested: contact configurations inside the clinical priors, times currents.
 
 A decoded field map takes the nearest stimulation of the set that was not yet tried and is permitted now
-(paper, clinical experiment). Methods that search the set itself see each stimulation through its features:
-whitened principal directions of the unit potentials, and the log of the current beside them (maps of low
-current all meet at one point although the selectivity depends on direction).
+(paper, clinical experiment). Methods that search the set itself see each stimulation through the features of
+`activating`.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.problem import FloatArray, IntArray
+from hdsafebo.session.activating import activating_features, scale_by_current, unit_activation
 from hdsafebo.session.definition import Priors
 from hdsafebo.session.errors import DefinitionError
 from hdsafebo.session.finite_set import FiniteSet
@@ -25,8 +25,6 @@ from hdsafebo.spinal.field_map import PIXELS, REFERENCE_CURRENT_MA, field_maps, 
 from hdsafebo.spinal.nearest import NearestMap
 
 MAX_CONFIGURATIONS = 100_000
-_DIRECTIONS = 24  # principal directions that the kernel sees
-_CURRENT_WEIGHT = 0.3  # of the log current beside them
 
 
 class StimulationSet(FiniteSet):
@@ -48,14 +46,8 @@ class StimulationSet(FiniteSet):
         self.currents_ma = np.array(priors.currents_ma)
         self.polarity = _usable(enumerate_polarities(priors), envelope, self.currents_ma[0])
         self._index = {tuple(row): i for i, row in enumerate(self.polarity.tolist())}
-        self._whitening = _Whitening(unit_potentials(self.polarity), self.currents_ma)
-        n_currents = len(self.currents_ma)
-        super().__init__(
-            self._whitening(
-                np.repeat(np.arange(len(self.polarity)), n_currents),
-                np.tile(self.currents_ma, len(self.polarity)),
-            )
-        )
+        unit = np.repeat(unit_activation(self.polarity), len(self.currents_ma), axis=0)
+        super().__init__(scale_by_current(unit, np.tile(self.currents_ma, len(self.polarity))))
         strongest = max(envelope.limits.max_current_ma, self.currents_ma[-1])
         if as_maps:
             self.bounds = np.vstack(
@@ -112,32 +104,7 @@ class StimulationSet(FiniteSet):
 
     def _features_of(self, points: list[Point]) -> FloatArray:
         polarity, current = arrays(points)
-        return self._whitening.of(unit_potentials(polarity), current)
-
-
-class _Whitening:
-    """Features of stimulations; calling it with rows of the fitted potentials saves computing them again."""
-
-    def __init__(self, unit: FloatArray, currents_ma: FloatArray) -> None:
-        values, vectors = np.linalg.eigh(unit.T @ unit)
-        keep = values[::-1][:_DIRECTIONS] > values[-1] * 1e-10
-        basis = vectors[:, ::-1][:, :_DIRECTIONS][:, keep]
-        spread = (unit @ basis).std(axis=0)
-        basis, spread = basis[:, spread > 0], spread[spread > 0]
-        scaled = basis / spread
-        self._basis = scaled / np.sqrt(2.0 * max(1, basis.shape[1]))  # mean squared distance 1
-        self._lowest = float(currents_ma[0])
-        self._projected = unit @ self._basis
-
-    def __call__(self, configuration: IntArray, current_ma: FloatArray) -> FloatArray:
-        return np.column_stack([self._projected[configuration], self._level(current_ma)])
-
-    def of(self, unit: FloatArray, current_ma: FloatArray) -> FloatArray:
-        """(k, p) features of unit potentials (k, 728) at currents (k,)."""
-        return np.column_stack([unit @ self._basis, self._level(current_ma)])
-
-    def _level(self, current_ma: FloatArray) -> FloatArray:
-        return np.asarray(_CURRENT_WEIGHT * np.log(current_ma / self._lowest))
+        return activating_features(polarity, current)
 
 
 def enumerate_polarities(priors: Priors) -> Polarity:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hdsafebo.problem import FloatArray, Safety
-from hdsafebo.session.definition import StimulationDefinition
+from hdsafebo.session.definition import Scores, StimulationDefinition
 from hdsafebo.session.emg import activation, selectivity
 from hdsafebo.session.errors import LimitError, RecordingError
 from hdsafebo.session.recordings import read_recording
@@ -35,7 +35,8 @@ class StimulationSpace(Space):
         self.definition = definition
         self.envelope = Envelope(definition.stimulator, definition.limits)
         self.targets = tuple(definition.emg.muscles)
-        self.safety = (Safety(SAFETY_NAME, definition.scores.threshold),)
+        self._logit = _Logit(definition.scores)
+        self.safety = (Safety(SAFETY_NAME, definition.scores.threshold, transform=self._logit),)
         self.inputs = (*CONTACT_COLUMNS, CURRENT_COLUMN)
         self.entries = tuple(definition.scores.raters)
 
@@ -96,6 +97,10 @@ class StimulationSpace(Space):
     def row(self, point: Point) -> dict[str, float]:
         """Columns e1 ... e16 and current_ma."""
         return dict(zip(self.inputs, [*point["polarity"], point[CURRENT_COLUMN]], strict=True))
+
+    def shown_safety(self, name: str, modelled: float) -> float:
+        """The score behind its logit; see `Space.shown_safety`."""
+        return self._logit.inverse(modelled)
 
     def measure(self, report: Report, labels: Mapping[str, str]) -> Measured:
         """Selectivity of every muscle from the recording, safety = the lowest score; see `Space.measure`."""
@@ -189,6 +194,27 @@ class StimulationSpace(Space):
                 )
             scores[rater] = score
         return scores
+
+
+class _Logit:
+    """Scores pile up at the ends of their scale; their logit is closer to a Gaussian process.
+
+    log((score - minimum + margin) / (maximum - score + margin)), with a margin of a twentieth of the scale.
+    """
+
+    def __init__(self, scores: Scores) -> None:
+        self._margin = (scores.maximum - scores.minimum) / 20.0
+        self._low, self._high = scores.minimum, scores.maximum
+
+    def __call__(self, score: FloatArray) -> FloatArray:
+        value = np.asarray(score, float)
+        return np.asarray(np.log((value - self._low + self._margin) / (self._high - value + self._margin)))
+
+    def inverse(self, logit: float) -> float:
+        """The score of a logit, within the scale."""
+        share = 1.0 / (1.0 + np.exp(-logit))
+        low, high = self._low - self._margin, self._high + self._margin
+        return float(np.clip(low + share * (high - low), self._low, self._high))
 
 
 def arrays(points: list[Point]) -> tuple[Polarity, FloatArray]:

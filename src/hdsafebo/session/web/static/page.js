@@ -226,14 +226,14 @@ function showBelief(belief) {
     }
   };
   const { mean, sd } = belief.objective;
-  row(`predicted ${seen.target}`, `${mean.toFixed(3)} ± ${(2 * sd).toFixed(3)}`);
+  row(`predicted ${seen.target}`, `${mean.toFixed(3)} (${(mean - 2 * sd).toFixed(3)} to ${(mean + 2 * sd).toFixed(3)})`);
   for (const [name, value] of Object.entries(belief.safety)) {
-    row(`predicted ${name} (safe from ${seen.safety_limits[name]})`, `${value.mean.toFixed(2)} ± ${(2 * value.sd).toFixed(2)}`);
+    row(`predicted ${name} (safe from ${seen.safety_limits[name]})`, `${value.mean.toFixed(2)} (${value.low.toFixed(2)} to ${value.high.toFixed(2)})`);
   }
   row("probability to be safe", percent(belief.safe_probability), belief.safe_probability);
   row("promised by the method", percent(seen.promised.alpha));
   if (belief.marked_unsafe) row("NOT BELIEVED SAFE", "nothing is; this is the most probably safe trial");
-  byId("belief").append(table, element("small", "± two standard deviations"));
+  byId("belief").append(table, element("small", "in brackets: two standard deviations to either side"));
 }
 
 function percent(p) {
