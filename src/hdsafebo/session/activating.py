@@ -2,7 +2,7 @@
 
 The activating function of an axon is the second derivative of the extracellular potential along it (Rattay
 1986, IEEE Trans Biomed Eng 33:974). Here each contact is a point source in a homogeneous medium, V = 1 / r up
-to a constant, the current divided equally within each pole. On lines along the cord, below the paddle, the root
+to a constant, the current divided equally within each pole. On lines along the cord below the paddle the root
 mean square of the activating function is taken over stretches of the cord, and its log is a feature:
 
     features = log(floor + I * rms of |d2V/dz2|)
