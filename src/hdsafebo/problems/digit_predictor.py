@@ -12,6 +12,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
+from hdsafebo.embeddings.training import one_torch_thread
 from hdsafebo.errors import DatasetError, EmbeddingTrainingError
 from hdsafebo.problem import FloatArray
 from hdsafebo.problems.digit_images import DigitImages
@@ -54,7 +55,7 @@ class DigitPredictor:
             torch.manual_seed(int(rng.integers(2**31)))
             self._network = _network(self.side)
         optimiser = torch.optim.Adam(self._network.parameters(), lr=_LEARNING_RATE)
-        with progress(epochs, "digit predictor") as advance:
+        with one_torch_thread(), progress(epochs, "digit predictor") as advance:
             for _ in range(epochs):
                 loss = 0.0
                 for rows in np.array_split(rng.permutation(training), max(1, len(training) // _BATCH)):
