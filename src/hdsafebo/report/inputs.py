@@ -165,10 +165,7 @@ def read_stimulation(root: Path, threshold: float) -> Stimulation | None:
 
 def read_frames(folder: Path) -> list[Frame]:
     """Pictures of another stage in the order of their names."""
-    return [
-        Frame(path.stem.replace("_", " "), path.read_bytes())
-        for path in sorted(folder.glob("*.png"))
-    ]
+    return [Frame(path.stem.replace("_", " "), path.read_bytes()) for path in sorted(folder.glob("*.png"))]
 
 
 def read_inputs(
