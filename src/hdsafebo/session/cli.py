@@ -31,9 +31,7 @@ def add_parser(subparsers: Any) -> None:
         )
         step.add_argument("session", type=Path, help="directory of the session")
         if writes:
-            step.add_argument(
-                "--who", default=getpass.getuser(), help="who acts (default: the user of this computer)"
-            )
+            step.add_argument("--who", default=_user(), help="who acts (default: the user of this computer)")
         step.set_defaults(run=run)
         return step
 
@@ -87,6 +85,14 @@ def add_parser(subparsers: Any) -> None:
     serve.add_argument("--host", default="127.0.0.1", help="other than loopback needs the printed token")
     serve.add_argument("--port", type=int, default=8765)
     _add_patient(commands)
+
+
+def _user() -> str:
+    """Name of the user of this computer; empty where it has none, so that `--who` is asked for."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        return ""
 
 
 def _add_patient(commands: Any) -> None:
