@@ -27,8 +27,9 @@ def test_later_rounds_stay_within_the_region() -> None:
     trials = optimizer.ask(10)
     reach = optimizer.surrogate.length_scale
     distance = np.linalg.norm(trials.x - centre, axis=1)
-    assert (distance[:3] <= 1.5 * optimizer.region.length * reach + 1e-9).all()
-    assert (distance[3:] <= optimizer.settings.explore_radius * reach + 1e-9).all()
+    assert (distance[:2] <= 1.5 * optimizer.region.length * reach + 1e-9).all()
+    limit = 1.5 * optimizer.region.length + optimizer.settings.explore_radius
+    assert (distance <= limit * reach + 1e-9).all()
 
 
 def test_points_are_believed_safe() -> None:
@@ -58,22 +59,46 @@ def test_any_batch_size(n: int) -> None:
         run_rounds(optimizer, 1, n)
 
 
-def test_share_of_the_batch_that_climbs_the_mean(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("n", "exact"), [(10, 3), (5, None), (1, None)])
+def test_share_of_the_batch_that_climbs_the_mean(monkeypatch: pytest.MonkeyPatch, n: int, exact) -> None:
     optimizer = HdSafeBOLocal(bowl_problem(), seed=6, exploit=0.3)
-    counts = []
-    monkeypatch.setattr(
-        optimizer,
-        "_climb",
-        lambda value, centre, radius: counts.append(len(radius)) or np.empty((len(radius), 4)),
-    )
     observe_initial(optimizer)
-    for n, exact in ((10, 3), (1, None)):
-        counts.clear()
-        for _ in range(400):
-            optimizer._exploit(np.full(4, 0.5), n)
-        assert np.mean(counts) == pytest.approx(0.3 * n, abs=0.08)
-        if exact:
-            assert set(counts) == {exact}
+    optimizer.ask(2)
+    explorers = []
+    monkeypatch.setattr(
+        optimizer, "_explore", lambda centre, k: explorers.append(k) or np.tile(centre, (k, 1))
+    )
+    for _ in range(60):
+        optimizer.propose(n)
+    shares = n - np.array(explorers)
+    assert shares.mean() == pytest.approx(0.3 * n, abs=0.2)
+    if exact is not None:
+        assert (shares == exact).all()
+
+
+def test_explores_around_the_predicted_next_best_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    optimizer = HdSafeBOLocal(bowl_problem(dimension=10, threshold=-1.0), seed=2)
+    observe_initial(optimizer, 40)
+    run_rounds(optimizer, 2, 10)
+    centres = []
+    explore = optimizer._explore
+    monkeypatch.setattr(optimizer, "_explore", lambda c, k: centres.append(c) or explore(c, k))
+    optimizer.propose(10)
+    start = optimizer.space.to_unit(optimizer.best().z)[0]
+    predicted = optimizer.surrogate.objective.predict_mean(np.stack([centres[0], start]))
+    assert predicted[0] > predicted[1]
+
+
+def test_centre_is_believed_safe() -> None:
+    """A point that was safe amid unsafe ones is not built upon while another one is believed safe."""
+    optimizer = HdSafeBOLocal(bowl_problem(), seed=0)
+    x = np.vstack([np.full((1, 4), 0.5), 0.5 + 0.02 * np.random.default_rng(0).standard_normal((20, 4))])
+    far = 0.1 + 0.02 * np.random.default_rng(1).standard_normal((20, 4))
+    objective = np.append(np.full(21, 5.0), np.zeros(20))
+    safety = np.concatenate([[0.01], np.full(20, -1.0), np.ones(20)])
+    optimizer.observe(np.vstack([x, far]), objective, safety, initial=True)
+    assert optimizer.best().id[0] == 0
+    assert optimizer.centre_row() > 20
 
 
 def test_region_follows_the_rounds() -> None:
@@ -81,9 +106,9 @@ def test_region_follows_the_rounds() -> None:
     observe_initial(optimizer)
     trials = optimizer.ask(2)
     optimizer.tell(trials, [5.0, 6.0], [1.0, -1.0])  # better, though one trial was not safe
-    assert optimizer.region.length == pytest.approx(0.45)
+    assert optimizer.region.length == pytest.approx(0.75)
     optimizer.tell(optimizer.ask(1), [0.0], [1.0])
-    assert optimizer.region.length == pytest.approx(0.3)
+    assert optimizer.region.length == pytest.approx(0.5)
 
 
 class TestFeatures:
@@ -112,8 +137,8 @@ class TestFeatures:
         centre = optimizer.kernel_inputs(optimizer.best())
         trials = optimizer.ask(10)
         distance = np.linalg.norm(optimizer.kernel_inputs(trials) - centre, axis=1)
-        limit = 1.5 * optimizer.region.length * optimizer.surrogate.length_scale
-        assert (distance <= limit + 1e-9).all()
+        limit = 1.5 * optimizer.region.length + optimizer.settings.explore_radius
+        assert (distance <= limit * optimizer.surrogate.length_scale + 1e-9).all()
         run_rounds(optimizer, 8, 4)
         assert np.isfinite(optimizer.trials.predicted_safe_probability[-4:]).all()
 

@@ -101,13 +101,9 @@ class HdSafeBO(Optimizer):
 
     def finish_round(self, trials: Trials) -> None:
         """Line 13 of Algorithm 1: was the round a success (Algorithm 2, line 1), and the new region."""
-        before = self._ledger.best_row(self.feasible & ~np.isin(self.trials.id, trials.id))
-        feasible = self.feasible[trials.id]
-        improved = feasible.any() and (
-            before is None or trials.objective[feasible].max() > self.trials.objective[before]
-        )
-        all_safe = bool(feasible.all()) or self.settings.batch_success == "improved"
-        self.region = safe_update(self.region, bool(improved) and all_safe, self._rule(len(trials)))
+        all_safe = bool(self.feasible[trials.id].all()) or self.settings.batch_success == "improved"
+        success = all_safe and self._ledger.improved_by(trials.id)
+        self.region = safe_update(self.region, success, self._rule(len(trials)))
 
     def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Length and counters of the trust region."""

@@ -7,7 +7,7 @@ Two things differ from the paper's algorithm, which is kept as it is in `hdsafeb
   any data, where the posterior is the prior and the safe set means nothing. The first round probes the
   neighbourhood of the best safe point at radii spread over orders of magnitude, which tells the length scale.
 * The acquisition function is maximised by gradient ascent within the safe set. Part of a batch climbs the
-  posterior mean, the rest climbs posterior sample paths (Thompson sampling) close to the best safe point.
+  posterior mean, the rest climbs posterior sample paths (Thompson sampling) close to where that leads.
 
 On a problem with a finite candidate set the same trust region is the set of rows nearest to the best safe
 row, with some rows from everywhere: the safety bound then speaks of what will be evaluated, as it does not
@@ -17,6 +17,7 @@ when a point of a continuous space is replaced by its nearest row.
 from __future__ import annotations
 
 from dataclasses import asdict
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
 
 _AFFINE_TOLERANCE = 1e-6
 _CLOUD = 64
+_CENTRES = 100
 _NONE = np.empty(0, np.int64)
 
 
@@ -49,7 +51,8 @@ class HdSafeBOLocalSettings(OptimizerSettings):
         success_tolerance: successful rounds after which the region grows.
         failure_tolerance: failed rounds after which it shrinks.
         exploit: share of a batch that climbs the posterior mean, at radii of 0.5 to 1.5 rho.
-        explore_radius: within which the rest of the batch climbs sample paths.
+        explore_radius: within which the rest of the batch climbs sample paths, around the highest point
+            that climbing the mean has reached: what is learnt there serves the next round.
         probe_min: smallest radius of the first round, in median distances of the initial data.
         probe_max: largest one.
         steps: of an ascent.
@@ -60,15 +63,15 @@ class HdSafeBOLocalSettings(OptimizerSettings):
     """
 
     beta: float = -2.0
-    radius_initial: float = Field(default=0.3, gt=0)
+    radius_initial: float = Field(default=0.5, gt=0)
     radius_max: float = Field(default=1.0, gt=0)
     radius_min: float = Field(default=0.02, gt=0)
-    success_tolerance: int = Field(default=3, ge=1)
-    failure_tolerance: int = Field(default=5, ge=1)
-    exploit: float = Field(default=0.3, ge=0, le=1)
-    explore_radius: float = Field(default=0.15, gt=0)
-    probe_min: float = Field(default=5e-4, gt=0)
-    probe_max: float = Field(default=5e-3, gt=0)
+    success_tolerance: int = Field(default=2, ge=1)
+    failure_tolerance: int = Field(default=3, ge=1)
+    exploit: float = Field(default=0.2, ge=0, le=1)
+    explore_radius: float = Field(default=0.2, gt=0)
+    probe_min: float = Field(default=1e-3, gt=0)
+    probe_max: float = Field(default=2e-2, gt=0)
     steps: int = Field(default=20, ge=1)
     rows_initial: int = Field(default=4000, ge=1)
     rows_max: int = Field(default=16000, ge=1)
@@ -86,27 +89,13 @@ class HdSafeBOLocal(Optimizer):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         s = self.settings
+        tolerances = (s.success_tolerance, s.failure_tolerance)
         if self.problem.candidates is None:
-            bounds = (
-                s.radius_initial,
-                s.radius_min,
-                s.radius_max,
-                s.success_tolerance,
-                s.failure_tolerance,
-                1.5,
-                False,
+            self._rule = TrustRegionRule(
+                s.radius_initial, s.radius_min, s.radius_max, *tolerances, factor=1.5, restart=False
             )
         else:
-            bounds = (
-                s.rows_initial,
-                s.rows_min,
-                s.rows_max,
-                s.success_tolerance,
-                s.failure_tolerance,
-                2.0,
-                True,
-            )
-        self._rule = TrustRegionRule(*bounds)
+            self._rule = TrustRegionRule(s.rows_initial, s.rows_min, s.rows_max, *tolerances)
         self.region = TrustRegion(self._rule.initial)
         self._metric: Metric | None = None
 
@@ -118,17 +107,26 @@ class HdSafeBOLocal(Optimizer):
         if self.round == 0 and n > 1:
             return self._believed(self._probe(centre, n), centre)
         climbers = self._exploit(centre, n)
-        explorers = self._explore(centre, n - len(climbers))
-        return self._believed(np.concatenate([climbers, explorers]), centre)
+        predicted = self.surrogate.objective.predict_mean(self.metric.inputs(climbers))
+        count = int(self.settings.exploit * n + self.rng.random())  # in the mean, the share of the batch
+        explorers = self._explore(climbers[predicted.argmax()], n - count)
+        return self._believed(np.concatenate([climbers[:count], explorers]), centre)
+
+    def centre_row(self) -> int:
+        """Row of the best feasible trial among those believed safe, or of Algorithm 1's x* when none is.
+
+        Around a trial that was safe by luck or by less than the noise, little is believed safe.
+        """
+        rows = np.flatnonzero(self.feasible)
+        rows = rows[np.argsort(-self.trials.objective[rows], kind="stable")[:_CENTRES]]
+        if len(rows):
+            inputs = self.kernel_inputs(self.trials[rows])
+            rows = rows[self.surrogate.believed_safe(inputs, self.settings.confidence)]
+        return int(rows[0]) if len(rows) else super().centre_row()
 
     def finish_round(self, trials: Trials) -> None:
         """A round succeeds when it improves on the best feasible objective."""
-        before = self._ledger.best_row(self.feasible & ~np.isin(self.trials.id, trials.id))
-        feasible = self.feasible[trials.id]
-        improved = feasible.any() and (
-            before is None or trials.objective[feasible].max() > self.trials.objective[before]
-        )
-        self.region = safe_update(self.region, bool(improved), self._rule)
+        self.region = safe_update(self.region, self._ledger.improved_by(trials.id), self._rule)
 
     # --- continuous space
 
@@ -138,12 +136,11 @@ class HdSafeBOLocal(Optimizer):
         return self._around(centre, radii * self.surrogate.objective.hyper.reference)
 
     def _exploit(self, centre: FloatArray, n: int) -> FloatArray:
-        """Ascents of the posterior mean at several radii."""
-        count = int(self.settings.exploit * n + self.rng.random())  # in the mean, the share of the batch
-        spread = np.linspace(0.5, 1.5, count) if count > 1 else np.ones(count)
-        return self._climb(
-            self._mean_value, centre, spread * self.region.length * self.surrogate.length_scale
-        )
+        """Ascents of the posterior mean at several radii, at least one."""
+        count = max(1, ceil(self.settings.exploit * n))
+        spread = np.linspace(0.5, 1.5, count) if count > 1 else np.ones(1)
+        radius = spread * self.region.length * self.surrogate.length_scale
+        return self._climb(self._mean_value, centre, radius)
 
     def _explore(self, centre: FloatArray, n: int) -> FloatArray:
         """Ascents of independent sample paths."""

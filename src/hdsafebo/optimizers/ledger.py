@@ -87,6 +87,15 @@ class Ledger:
         rows = np.flatnonzero(among)
         return int(rows[np.argmax(self.trials.objective[rows])]) if len(rows) else None
 
+    def improved_by(self, ids: IntArray) -> bool:
+        """Whether the best feasible objective of these trials exceeds that of all others."""
+        feasible = self.feasible
+        new = np.isin(self.trials.id, ids)
+        best, before = self.best_row(feasible & new), self.best_row(feasible & ~new)
+        if best is None:
+            return False
+        return before is None or bool(self.trials.objective[best] > self.trials.objective[before])
+
     def least_violation_row(self) -> int:
         """Row of the completed trial that violates least, in standard deviations of each safety function."""
         rows = np.flatnonzero(self.trials.completed)
