@@ -82,7 +82,7 @@ class HandScene(Block):
     """
 
     variant: Literal["forearm", "extended"] = "extended"
-    roll: Annotated[float, Field(ge=0, le=1.4)] = 1.2
+    roll: Annotated[float, Field(ge=0, le=1.57)] = 1.4
     horizon: Count = 120
 
 

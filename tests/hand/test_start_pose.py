@@ -24,7 +24,7 @@ from hdsafebo.hand.start_pose import (
 
 
 @pytest.mark.parametrize("variant", ["forearm", "extended"])
-@pytest.mark.parametrize("roll", [0.9, 1.2])
+@pytest.mark.parametrize("roll", [0.9, 1.4])
 def test_bottle_lies_in_the_hand(variant: str, roll: float) -> None:
     hand = hand_model(variant, roll)  # type: ignore[arg-type]
     pose = start_pose(hand)

@@ -40,7 +40,7 @@ class BottleHandEnv(gym.Env[Observation, NDArray[np.float32]]):
     def __init__(
         self,
         variant: Variant = "extended",
-        roll: float = 1.2,
+        roll: float = 1.4,
         horizon: int = HORIZON,
         setting: str = "full",
         render_mode: str | None = None,

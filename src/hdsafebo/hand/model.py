@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, get_args
@@ -34,9 +35,10 @@ ARM_ROOT = "myoarm_r_root"
 FOREARM_SHAPES = ("ulna_coll_r", "radius_coll_r", "radius_coll_2_r", "radius_coll_3_r")
 CONTACT_GROUP = 4
 TIMESTEP = 0.002
-MAX_ROLL = 1.4
+MAX_ROLL = 1.57
 
 _log = logging.getLogger(__name__)
+_myo_sim_lock = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -59,22 +61,9 @@ class HandModel:
     joints: tuple[str, ...]
     digest: str
 
-    def muscle_indices(self, names: tuple[str, ...]) -> list[int]:
-        """Positions of muscles in the activation vector.
-
-        Raises:
-            HandModelError: a name is not among this hand's muscles.
-        """
-        unknown = [name for name in names if name not in self.muscles]
-        if unknown:
-            raise HandModelError(
-                f"unknown muscles {unknown}; the hand {self.variant!r} has {', '.join(self.muscles)}"
-            )
-        return [self.muscles.index(name) for name in names]
-
 
 @lru_cache(maxsize=4)
-def hand_model(variant: Variant = "extended", roll: float = 1.2) -> HandModel:
+def hand_model(variant: Variant = "extended", roll: float = 1.4) -> HandModel:
     """Build a hand with its bottle (0.5 s; later calls with the same arguments share one model).
 
     Args:
@@ -120,12 +109,13 @@ def _myo_hand() -> mujoco.MjSpec:
 
     `myo_sim` reads the muscles to keep from a module constant; it is put back at once.
     """
-    kept = myo_hand.RIGHT_HAND_ACTUATORS
-    try:
-        myo_hand.RIGHT_HAND_ACTUATORS = kept | FOREARM_MUSCLES
-        return compose.build_right_hand_from_arm_spec()
-    finally:
-        myo_hand.RIGHT_HAND_ACTUATORS = kept
+    with _myo_sim_lock:
+        kept = myo_hand.RIGHT_HAND_ACTUATORS
+        try:
+            myo_hand.RIGHT_HAND_ACTUATORS = kept | FOREARM_MUSCLES
+            return compose.build_right_hand_from_arm_spec()
+        finally:
+            myo_hand.RIGHT_HAND_ACTUATORS = kept
 
 
 HEEL_RADIUS = 0.012

@@ -37,7 +37,7 @@ class Scene:
     """
 
     variant: str = "extended"
-    roll: float = 1.2
+    roll: float = 1.4
     horizon: int = HORIZON
 
     def simulation(self) -> BottleSimulation:
