@@ -9,6 +9,8 @@ from pathlib import Path
 
 from hdsafebo import __version__
 from hdsafebo.errors import HdSafeBOError, ParamsError, UnknownNameError
+from hdsafebo.session.cli import add_parser as add_session_parser
+from hdsafebo.session.errors import DefinitionError
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -17,7 +19,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     arguments = parser.parse_args(argv)
     try:
         arguments.run(arguments)
-    except (ParamsError, UnknownNameError) as error:
+    except (DefinitionError, ParamsError, UnknownNameError) as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     except HdSafeBOError as error:
@@ -48,6 +50,8 @@ def _parser() -> argparse.ArgumentParser:
 
     methods = commands.add_parser("methods", help="list the optimisers")
     methods.set_defaults(run=_methods)
+
+    add_session_parser(commands)
 
     keep = commands.add_parser(
         "keep-reference", help="copy the report into reports/reference, stamped with the revision"
