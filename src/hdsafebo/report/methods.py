@@ -49,6 +49,7 @@ DASHES: dict[str, object] = {"-": "-", "dashed": _DASHED, "dotted": _DOTTED, "da
 _METHODS = {
     "hdsafebo": MethodStyle("HdSafeBO", "ours", BLACK, "o"),
     "hdsafebo_local": MethodStyle("HdSafeBO-local", "ours", VERMILLION, "s"),
+    "hdsafebo_literal": MethodStyle("HdSafeBO as printed", "ours", SKY, "X", "dashed"),
     "linebo": MethodStyle("LineBO", "local", BLUE, "^", "dashed"),
     "scbo": MethodStyle("SCBO", "local", GREEN, "D", "dashdot"),
     "config": MethodStyle("CONFIG", "global", BLUE, "^", "dashed"),
@@ -58,6 +59,7 @@ _METHODS = {
     "cmaes": MethodStyle("CMA-ES", "free", BLUE, "^", "dashed"),
     "sobol": MethodStyle("Sobol search", "free", GREEN, "D", "dotted"),
     "local_random": MethodStyle("Local random steps", "free", PURPLE, "v", "dashdot"),
+    "random_lowest": MethodStyle("Random, lowest current", "free", ORANGE, "P", "dashed"),
     "turbo": MethodStyle("TuRBO", "embedding", GREEN, "D", "dashdot", needs_threshold=False),
     "hesbo": MethodStyle("HesBO", "embedding", BLUE, "^", "dashed", needs_threshold=False),
     "baxus": MethodStyle("BAxUS", "embedding", PURPLE, "v", "dotted", needs_threshold=False),

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from hdsafebo.errors import DatasetError
 
-PICTURE = "figures/curves_synthetic_local.png"  # the one that the README shows; the page holds all
-KEPT = ("index.html", "summary.json", "isometry.json", "tables", "curves", PICTURE)
+KEPT = ("index.html", "summary.json", "isometry.json", "tables", "curves", "figures")
 COSTS = ".journal/stage_costs.jsonl"
 
 
@@ -35,7 +34,6 @@ def keep_reference(root: Path) -> Path:
             shutil.rmtree(target / name, ignore_errors=True)
             shutil.copytree(source / name, target / name)
         else:
-            (target / name).parent.mkdir(exist_ok=True)
             shutil.copyfile(source / name, target / name)
     profile = json.loads((source / "summary.json").read_text(encoding="utf-8"))["profile"]
     costs = json.dumps(stage_costs(root / COSTS, profile), indent=1) + "\n"
