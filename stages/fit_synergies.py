@@ -13,10 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.reference import Difficulty, observation_moment, save_moment
 from hdsafebo.hand.rollout import Scene, evaluate_policies
-from hdsafebo.hand.synergies import fit_synergies, save_synergies
+from hdsafebo.hand.synergies import fit_synergies, save_synergies, synergy_policies
 from hdsafebo.stage import Stage, run_stage
 
 
@@ -30,7 +29,7 @@ def main(stage: Stage) -> None:
     shares = {f"variance_of_{k + 1}": float(share) for k, share in enumerate(synergies.explained)}
 
     settings = params.synergies
-    space = PolicySpace(synergies.mean, synergies.first(settings.count), scene.simulation().observer.size)
+    space = synergy_policies(scene, synergies, settings.count)
     rng = np.random.default_rng(settings.seed)
     policies = rng.uniform(-settings.box, settings.box, (settings.random_policies, space.dimension))
     workers = stage.params.compute.workers or len(os.sched_getaffinity(0))

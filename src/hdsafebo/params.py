@@ -134,7 +134,7 @@ class HandSynergies(Block):
     """
 
     count: Annotated[int, Field(ge=1, le=10)] = 5
-    box: Positive = 3.0
+    box: Positive = 1.0
     landing_limit: Positive = 4.4
     random_policies: Annotated[int, Field(ge=2)] = 200
     reference_policies: Annotated[int, Field(ge=2)] = 50

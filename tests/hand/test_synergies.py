@@ -12,7 +12,14 @@ import pytest
 
 from hdsafebo.errors import DatasetError, HandModelError
 from hdsafebo.hand.model import hand_model
-from hdsafebo.hand.synergies import Synergies, fit_synergies, load_synergies, save_synergies
+from hdsafebo.hand.rollout import Scene
+from hdsafebo.hand.synergies import (
+    Synergies,
+    fit_synergies,
+    load_synergies,
+    save_synergies,
+    synergy_policies,
+)
 
 HAND = hand_model("forearm")
 
@@ -70,6 +77,14 @@ def test_file_round_trip(synergies: Synergies, tmp_path: Path) -> None:
     assert loaded.first(5).shape == (5, 43)
     with pytest.raises(HandModelError, match="11 synergies asked for; the file has 10"):
         loaded.first(11)
+
+
+def test_zero_policy_keeps_the_start_pose(synergies: Synergies) -> None:
+    scene = Scene("forearm")
+    space = synergy_policies(scene, synergies, 5)
+    assert space.dimension == 5 * 55
+    zero = space.excitation(np.zeros((5, 55)), np.ones(55))
+    np.testing.assert_array_equal(zero, scene.simulation().pose.activation)
 
 
 def test_synergies_of_another_hand_are_refused(synergies: Synergies, tmp_path: Path) -> None:

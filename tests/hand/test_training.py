@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,20 @@ def test_equal_trainings_give_equal_files(job: Training, trained: Trained, tmp_p
     for step, actor in trained.actors.items():
         for name, tensor in actor.tensors().items():
             np.testing.assert_array_equal(tensor, other.actors[step].tensors()[name])
+
+
+def test_archive_holds_no_address_and_can_be_loaded(job: Training, trained: Trained) -> None:
+    from stable_baselines3 import SAC
+
+    with zipfile.ZipFile(job.archive) as archive:
+        assert b" at 0x" not in archive.read("data")
+    agent = SAC.load(job.archive, device="cpu")
+    actor = actor_of(agent)
+    last = trained.actors[400].mean[0]
+    assert np.abs(actor.mean[0] - last).max() < 0.01 * np.abs(last).max() + 0.01  # one update later
+    observation = np.linspace(-1, 1, actor.hidden[0][0].shape[1]).astype(np.float32)
+    expected = agent.predict(observation, deterministic=True)[0]
+    np.testing.assert_allclose(actor.action(observation), expected, atol=2e-6)
 
 
 def test_numpy_actor_is_the_network_of_the_agent() -> None:

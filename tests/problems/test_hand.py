@@ -68,12 +68,12 @@ def test_spaces_and_bounds(make: Callable[[str], Task]) -> None:
     check_problem(problem)
     assert problem.bounds.shape == (2, 43 * 55)
     assert task.latent_bounds is not None
-    np.testing.assert_array_equal(task.latent_bounds, np.tile([[-3.0], [3.0]], (1, 5 * 55)))
+    np.testing.assert_array_equal(task.latent_bounds, np.tile([[-1.0], [1.0]], (1, 5 * 55)))
     x, rows = problem.initial(50, np.random.default_rng(0))
     assert (rows == -1).all()
     assert (x >= problem.bounds[0]).all()
     assert (x <= problem.bounds[1]).all()
-    corner = problem.codec.decode(3 * np.sign(np.random.default_rng(1).standard_normal((200, 275))))
+    corner = problem.codec.decode(np.sign(np.random.default_rng(1).standard_normal((200, 275))))
     assert np.abs(corner).max() <= problem.bounds[1].max() + 1e-12
 
 

@@ -14,6 +14,8 @@ from safetensors.numpy import save_file
 
 from hdsafebo.errors import DatasetError, HandModelError
 from hdsafebo.hand.model import HandModel
+from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.rollout import Scene
 
 FloatArray = NDArray[np.float64]
 INDEX_COLUMNS = ("episode", "step")
@@ -92,6 +94,22 @@ def fit_synergies(activations: pd.DataFrame, hand: HandModel, components: int = 
         variant=hand.variant,
         digest=hand.digest,
     )
+
+
+def synergy_policies(scene: Scene, synergies: Synergies, count: int) -> PolicySpace:
+    """The policies over the leading synergies.
+
+    The zero policy keeps the activations of the start pose: it holds the bottle loosely and does not
+    turn it. With the mean of the training episodes in its place it would already bring the bottle
+    half way up.
+
+    Args:
+        scene: hand and horizon.
+        synergies: of that hand.
+        count: leading components.
+    """
+    simulation = scene.simulation()
+    return PolicySpace(simulation.pose.activation, synergies.first(count), simulation.observer.size)
 
 
 def save_synergies(path: Path, synergies: Synergies) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -149,7 +150,7 @@ def train_agent(job: Training) -> Trained:
     )
     agent.learn(sac.steps, callback=Recorder())
     agent.save(job.archive, exclude=_UNREPEATABLE)
-    job.archive.write_bytes(without_times(job.archive.read_bytes()))
+    job.archive.write_bytes(repeatable_archive(job.archive.read_bytes()))
     columns = zip(*episodes, strict=True) if episodes else ((), (), ())
     step, total, dropped = columns
     return Trained(
@@ -170,15 +171,19 @@ def _array(tensor: Any) -> NDArray[np.float32]:
     return np.array(tensor.detach().cpu().numpy(), np.float32)
 
 
-def without_times(archive: bytes) -> bytes:
-    """The same ZIP archive with all members dated 1980, so that equal trainings give equal files."""
+def repeatable_archive(archive: bytes) -> bytes:
+    """The same ZIP archive without times and memory addresses, so that equal trainings give equal files.
+
+    The addresses are in the printed forms of functions, which stable-baselines3 keeps for the reader.
+    """
     buffer = io.BytesIO()
     with (
         zipfile.ZipFile(io.BytesIO(archive)) as source,
         zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as target,
     ):
         for name in sorted(source.namelist()):
-            target.writestr(
-                zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), source.read(name), zipfile.ZIP_DEFLATED
-            )
+            content = source.read(name)
+            if name == "data":
+                content = re.sub(rb" at 0x[0-9a-f]+", b"", content)
+            target.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content, zipfile.ZIP_DEFLATED)
     return buffer.getvalue()

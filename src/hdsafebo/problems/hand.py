@@ -23,7 +23,7 @@ import numpy as np
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.reference import behaviour_map, load_moment
 from hdsafebo.hand.rollout import Scene, evaluate_policies
-from hdsafebo.hand.synergies import load_synergies
+from hdsafebo.hand.synergies import load_synergies, synergy_policies
 from hdsafebo.params import HandProblem, Params
 from hdsafebo.problem import Evaluation, FloatArray, IntArray, Problem, Safety, Trials
 from hdsafebo.problems.registry import Codec, Task
@@ -125,7 +125,7 @@ def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) 
     scene = Scene(hand.scene.variant, hand.scene.roll, hand.scene.horizon)
     simulation = scene.simulation()
     synergies = load_synergies(root / SYNERGY_FILE, simulation.hand)
-    space = PolicySpace(synergies.mean, synergies.first(hand.synergies.count), simulation.observer.size)
+    space = synergy_policies(scene, synergies, hand.synergies.count)
     local = method.startswith(_LOCAL)
     features = None
     if local:
