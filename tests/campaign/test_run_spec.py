@@ -15,29 +15,47 @@ from hdsafebo.campaign import run_spec
 real_code_digest = run_spec._code_digest
 
 
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the package, to be changed."""
+    copy = tmp_path_factory.mktemp("copy") / "hdsafebo"
+    shutil.copytree(Path(hdsafebo.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    return copy
+
+
 @pytest.mark.parametrize(
     ("module", "counts"),
     [
         ("kernel.py", True),
         ("optimizers/hdsafebo.py", True),
+        ("optimizers/persistence.py", True),  # imported within a function
         ("problems/synthetic.py", True),
+        ("problems/gaussian_path.py", True),
         ("campaign/runner.py", True),
+        ("campaign/run_spec.py", True),
+        ("optimizers/scbo.py", False),
+        ("problems/hand.py", False),
         ("report/metrics.py", False),
         ("campaign/tracking.py", False),
+        ("campaign/imports.py", False),
         ("cli.py", False),
     ],
 )
 def test_code_that_computes_a_run_is_part_of_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, counts: bool
+    package: Path, monkeypatch: pytest.MonkeyPatch, module: str, counts: bool
 ) -> None:
-    package = tmp_path / "hdsafebo"
-    shutil.copytree(Path(hdsafebo.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(hdsafebo, "__file__", str(package / "__init__.py"))
-    before = real_code_digest.__wrapped__()
-    assert before == real_code_digest.__wrapped__()
+    digest = real_code_digest.__wrapped__
+    before = digest("synthetic", "hdsafebo")
+    assert before == digest("synthetic", "hdsafebo")
     with (package / module).open("a") as file:
         file.write("# changed\n")
-    assert (real_code_digest.__wrapped__() != before) == counts
+    assert (digest("synthetic", "hdsafebo") != before) == counts
+
+
+def test_other_methods_and_tasks_have_other_code() -> None:
+    names = [("synthetic", "hdsafebo"), ("synthetic", "scbo"), ("hand", "hdsafebo"), ("digits", "sobol")]
+    assert len({real_code_digest.__wrapped__(*pair) for pair in names}) == len(names)
 
 
 def test_streams_of_a_seed_differ_from_each_other_and_from_the_problem(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from hdsafebo.campaign.imports import used_modules
 from hdsafebo.params import load_params
-from tests.pipeline.dependencies import used_modules
 
 STAGES = sorted(yaml.safe_load((Path(__file__).parents[2] / "dvc.yaml").read_text())["stages"])
 

@@ -12,19 +12,20 @@ from typing import Any
 import numpy as np
 
 import hdsafebo
+from hdsafebo.campaign.imports import used_modules
 from hdsafebo.campaign.provenance import digest_file, digest_paths
 from hdsafebo.errors import ParamsError
+from hdsafebo.optimizers.registry import method_module
 from hdsafebo.params import Budget, Params, parse_params
-from hdsafebo.problems.registry import family_of
+from hdsafebo.problems.registry import family_of, task_module
 
-# Blocks of params.yaml, modules and libraries. Whatever is not listed as indifferent counts: too much costs
-# a run that begins anew after a change, too little would continue a run that means something else.
-_INDIFFERENT_BLOCKS = {"profile", "tasks", "methods", "compute", "tracking", "report", "isometry"}
-_INDIFFERENT_CODE = {
-    "report", "session", "cli.py", "stage.py", "params.py", "profiles.py", "progress.py", "errors.py",
-    "campaign/executor.py", "campaign/cluster.py", "campaign/tracking.py", "campaign/provenance.py",
-    "campaign/item.py", "campaign/series.py", "campaign/progress.py", "campaign/errors.py",
-    "campaign/journal.py",
+# Blocks of params.yaml that a family of tasks reads, beside its own block under `tasks`.
+_BLOCKS = {"synthetic": (), "hand": ("hand",), "scs": ("spinal", "embeddings"), "digits": ("digits",)}
+# Modules that compute runs but no trial: a change of these leaves what was computed as it is.
+_INDIFFERENT_MODULES = {
+    "params.py", "progress.py", "errors.py",
+    "campaign/cluster.py", "campaign/errors.py", "campaign/imports.py", "campaign/journal.py",
+    "campaign/progress.py", "campaign/provenance.py",
 }  # fmt: skip
 _LIBRARIES = ("numpy", "scipy", "torch", "gpytorch", "botorch", "scikit-learn", "mujoco", "numba", "cma")
 _INITIAL_STREAM, _METHOD_STREAM = 1, 2
@@ -117,22 +118,29 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
         "batch": budget.batch,
         "problem": plain["tasks"][family_of(spec.task)]["problem"],
         "settings": plain["methods"][spec.method],
-        "blocks": {key: value for key, value in plain.items() if key not in _INDIFFERENT_BLOCKS},
+        "blocks": {name: plain[name] for name in _BLOCKS[family_of(spec.task)]},
         "inputs": files,
-        "code": _code_digest(),
+        "code": _code_digest(family_of(spec.task), spec.method),
         "libraries": {name: _version(name) for name in _LIBRARIES},
     }
 
 
-@lru_cache(maxsize=1)
-def _code_digest() -> str:
+@lru_cache
+def _code_digest(family: str, method: str) -> str:
+    """Digest of the modules that compute a run: what the runner, the task and the method import."""
     package = Path(hdsafebo.__file__).parent
-    modules = [path for path in package.rglob("*.py") if not _is_indifferent(path.relative_to(package))]
-    return digest_paths(modules, package)
+    roots = [
+        package / "campaign" / "runner.py",
+        _file_of(task_module(family), package),
+        _file_of(method_module(method), package),
+    ]
+    modules = used_modules(roots, package.parent).union(roots)
+    counting = [path for path in modules if path.relative_to(package).as_posix() not in _INDIFFERENT_MODULES]
+    return digest_paths(counting, package)
 
 
-def _is_indifferent(path: Path) -> bool:
-    return path.parts[0] in _INDIFFERENT_CODE or path.as_posix() in _INDIFFERENT_CODE
+def _file_of(module: str, package: Path) -> Path:
+    return package.parent.joinpath(*module.split(".")).with_suffix(".py")
 
 
 def _version(library: str) -> str | None:

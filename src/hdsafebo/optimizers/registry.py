@@ -71,17 +71,26 @@ def method_names() -> list[str]:
     return [*METHODS, *(name + ORIGINAL_SUFFIX for name in METHODS)]
 
 
+def method_module(name: str) -> str:
+    """The module that defines a method; see `method_class`."""
+    return f"hdsafebo.optimizers.{_method(name).module}"
+
+
 def method_class(name: str) -> tuple[type[Optimizer], dict[str, Any]]:
     """The class behind a name, and the settings that the name stands for.
 
     Raises:
         UnknownNameError: there is no such method; the message lists the names.
     """
+    method = _method(name)
+    return getattr(import_module(method_module(name)), method.kind), method.settings
+
+
+def _method(name: str) -> Method:
     method = METHODS.get(name.removesuffix(ORIGINAL_SUFFIX))
     if method is None:
         raise UnknownNameError("method", name, [*METHODS, f"any of these with {ORIGINAL_SUFFIX}"])
-    module = import_module(f"hdsafebo.optimizers.{method.module}")
-    return getattr(module, method.kind), method.settings
+    return method
 
 
 def make_optimizer(

@@ -64,6 +64,11 @@ def family_of(task: str) -> str:
     return family
 
 
+def task_module(family: str) -> str:
+    """The module of a family of tasks, by the name that `family_of` gives."""
+    return _FAMILIES[family]
+
+
 def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) -> Task:
     """Build a task for one run.
 
@@ -81,7 +86,7 @@ def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) 
     Raises:
         UnknownNameError: there is no such task.
     """
-    task: Task = import_module(_FAMILIES[family_of(name)]).make_task(
+    task: Task = import_module(task_module(family_of(name))).make_task(
         name, params, method=method, seed=seed, root=root
     )
     return task

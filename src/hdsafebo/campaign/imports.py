@@ -1,4 +1,4 @@
-"""Which modules of the package a stage script uses, found by reading its imports."""
+"""Which modules of the package a file uses, found by reading its imports, without running them."""
 
 from __future__ import annotations
 
@@ -7,13 +7,21 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 PACKAGE = "hdsafebo"
-# Validating the parameters looks up names and settings of methods and embeddings; the stages that use their
-# code import it themselves.
+# Validating the parameters looks up names and settings of methods and embeddings; whoever uses their code
+# imports it himself.
 NAMES_ONLY = {"hdsafebo.params": ("hdsafebo.optimizers", "hdsafebo.embeddings")}
 
 
 def used_modules(roots: Iterable[Path], source: Path) -> set[Path]:
-    """Files below `source` that `roots` import, directly or not, at the top or within functions."""
+    """Files below `source` that `roots` import, directly or not, at the top or within functions.
+
+    Args:
+        roots: Python files.
+        source: directory that holds the package.
+
+    Raises:
+        SyntaxError: a file is no Python.
+    """
     seen: set[Path] = set()
     pending = list(roots)
     while pending:
