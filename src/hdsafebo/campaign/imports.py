@@ -9,7 +9,10 @@ from pathlib import Path
 PACKAGE = "hdsafebo"
 # Validating the parameters looks up names and settings of methods and embeddings; whoever uses their code
 # imports it himself.
-NAMES_ONLY = {"hdsafebo.params": ("hdsafebo.optimizers", "hdsafebo.embeddings")}
+NAMES_ONLY = {
+    "hdsafebo.params.model": ("hdsafebo.optimizers",),
+    "hdsafebo.params.embeddings": ("hdsafebo.embeddings",),
+}
 
 
 def used_modules(roots: Iterable[Path], source: Path) -> set[Path]:

@@ -23,7 +23,7 @@ from hdsafebo.problems.registry import family_of, task_module
 _BLOCKS = {"synthetic": (), "hand": ("hand",), "scs": ("spinal", "embeddings"), "digits": ("digits",)}
 # Modules that compute runs but no trial: a change of these leaves what was computed as it is.
 _INDIFFERENT_MODULES = {
-    "params.py", "progress.py", "errors.py",
+    "progress.py", "errors.py",
     "campaign/cluster.py", "campaign/errors.py", "campaign/imports.py", "campaign/journal.py",
     "campaign/progress.py", "campaign/provenance.py",
 }  # fmt: skip
@@ -135,8 +135,11 @@ def _code_digest(family: str, method: str) -> str:
         _file_of(method_module(method), package),
     ]
     modules = used_modules(roots, package.parent).union(roots)
-    counting = [path for path in modules if path.relative_to(package).as_posix() not in _INDIFFERENT_MODULES]
-    return digest_paths(counting, package)
+    return digest_paths([path for path in modules if _counts(path.relative_to(package))], package)
+
+
+def _counts(module: Path) -> bool:
+    return module.parts[0] != "params" and module.as_posix() not in _INDIFFERENT_MODULES
 
 
 def _file_of(module: str, package: Path) -> Path:

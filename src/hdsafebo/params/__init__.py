@@ -1,0 +1,28 @@
+"""`params.yaml` as frozen models: every key typed, every range checked, every error named."""
+
+from hdsafebo.params.base import Block, Count, Positive, Scalar
+from hdsafebo.params.embeddings import Digits, Embeddings, Isometry, IsometryFloors
+from hdsafebo.params.hand import Hand
+from hdsafebo.params.model import Params
+from hdsafebo.params.reading import load_params, parse_params
+from hdsafebo.params.spinal import Spinal
+from hdsafebo.params.tasks import Budget, HandProblem, SyntheticProblem
+
+__all__ = [
+    "Block",
+    "Budget",
+    "Count",
+    "Digits",
+    "Embeddings",
+    "Hand",
+    "HandProblem",
+    "Isometry",
+    "IsometryFloors",
+    "Params",
+    "Positive",
+    "Scalar",
+    "Spinal",
+    "SyntheticProblem",
+    "load_params",
+    "parse_params",
+]

@@ -1,0 +1,90 @@
+"""The whole of `params.yaml`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from hdsafebo.params.base import Block, Count, Scalar
+from hdsafebo.params.embeddings import Digits, Embeddings, Isometry
+from hdsafebo.params.hand import Hand
+from hdsafebo.params.spinal import Spinal
+from hdsafebo.params.tasks import Tasks
+
+
+class Compute(Block):
+    """Where runs are computed.
+
+    Attributes:
+        workers: processes of the pool; null takes one per core.
+        scheduler: address of a Dask scheduler; null uses the process pool.
+    """
+
+    workers: Count | None = None
+    scheduler: str | None = None
+
+
+class Tracking(Block):
+    """The MLflow mirror of the results."""
+
+    enabled: bool = True
+
+
+class Report(Block):
+    """How the report states uncertainty.
+
+    Attributes:
+        confidence: of bootstrap and binomial intervals.
+        bootstrap_samples: per interval.
+        calibration_bins: bins of the predicted safe probability.
+        seed: of the bootstrap.
+    """
+
+    confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
+    bootstrap_samples: Annotated[int, Field(ge=100)] = 4000
+    calibration_bins: Annotated[int, Field(ge=2, le=50)] = 10
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class Params(Block):
+    """The whole of `params.yaml`."""
+
+    profile: str
+    spinal: Spinal = Spinal()
+    hand: Hand = Hand()
+    embeddings: Embeddings = Embeddings()
+    isometry: Isometry = Isometry()
+    digits: Digits = Digits()
+    tasks: Tasks
+    methods: dict[str, dict[str, Scalar]]
+    compute: Compute = Compute()
+    tracking: Tracking = Tracking()
+    report: Report = Report()
+
+    @model_validator(mode="after")
+    def _one_threshold(self) -> Params:
+        calibrated, used = self.spinal.safety_threshold, self.tasks.scs.problem.threshold
+        if calibrated != used:
+            raise ValueError(
+                f"tasks.scs.problem.threshold is {used}, expected spinal.safety_threshold ({calibrated}), "
+                "to which the dataset is calibrated"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _methods_known(self) -> Params:
+        from hdsafebo.optimizers.registry import method_names
+
+        known = method_names()
+        for name in self.methods:
+            if name not in known:
+                raise ValueError(f"methods: unknown method {name!r}; valid names: {', '.join(sorted(known))}")
+        for family, task in self.tasks:
+            for name in task.methods:
+                if name not in self.methods:
+                    blocks = ", ".join(self.methods)
+                    raise ValueError(
+                        f"tasks.{family}.methods: {name!r} has no block under methods, which has {blocks}"
+                    )
+        return self

@@ -1,0 +1,151 @@
+"""Blocks of the tasks: the problem, how much is evaluated, which methods run."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from hdsafebo.params.base import Block, Count, Positive
+
+
+class Budget(Block):
+    """How much is evaluated in each run of a task.
+
+    Attributes:
+        initial: trials drawn before the optimiser starts.
+        trials: all trials, the initial ones included.
+        batch: trials per round.
+        seeds: independent runs per method.
+        first_seed: the runs use the seeds first_seed, first_seed + 1, ...
+        seeds_of: methods that get another number of runs.
+    """
+
+    initial: Count
+    trials: Count
+    batch: Count
+    seeds: Count
+    first_seed: Annotated[int, Field(ge=0)] = 1000
+    seeds_of: dict[str, Count] = {}
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Budget:
+        if self.trials <= self.initial:
+            raise ValueError(f"trials ({self.trials}) must exceed initial ({self.initial})")
+        return self
+
+    def seeds_for(self, method: str) -> range:
+        """Seeds of the runs of a method."""
+        return range(self.first_seed, self.first_seed + self.seeds_of.get(method, self.seeds))
+
+
+class SyntheticProblem(Block):
+    """Objective and safety drawn from Gaussian processes (paper, section 5.1 and appendix)."""
+
+    dimension: Count = 1000
+    latent_dimension: Count = 50
+    effective_dimension: Count = 40
+    length_scale: Positive = 0.05
+    threshold: float = -0.75
+    noise_variance: Annotated[float, Field(ge=0)] = 1e-4
+    with_replacement: bool = False
+
+    @model_validator(mode="after")
+    def _nested(self) -> SyntheticProblem:
+        if not self.effective_dimension <= self.latent_dimension <= self.dimension:
+            raise ValueError(
+                "expected effective_dimension <= latent_dimension <= dimension, got "
+                f"{self.effective_dimension}, {self.latent_dimension}, {self.dimension}"
+            )
+        return self
+
+
+class SyntheticTask(Block):
+    """The synthetic task and the methods that run on it."""
+
+    problem: SyntheticProblem = SyntheticProblem()
+    budget: Budget
+    methods: list[str]
+
+
+HandSafety = Literal["landing_speed", "no_drop", "handling_speed"]
+
+
+class HandProblem(Block):
+    """What the optimisers see of the hand (`problems/hand.py` defines the safety functions).
+
+    Attributes:
+        handling_limit: of `handling_speed`, m/s.
+        reported: safety functions that decide whether a trial was safe.
+        modelled: safety functions that the methods model.
+        modelled_local: those that hdsafebo_local and its variants model.
+        directions: directions of observations in the kernel of hdsafebo_local.
+    """
+
+    handling_limit: Positive = 1.0
+    reported: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
+    modelled: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
+    modelled_local: Annotated[list[HandSafety], Field(min_length=1)] = ["no_drop"]
+    directions: Count = 4
+
+
+class HandTask(Block):
+    """The hand task and the methods that run on it."""
+
+    problem: HandProblem = HandProblem()
+    budget: Budget
+    methods: list[str]
+
+
+class ScsProblem(Block):
+    """What the optimisers see of the stimulation dataset.
+
+    Attributes:
+        embedding: latent space of the methods that search one.
+        threshold: least safe value of g = 1 - max_i mu_i (paper, appendix).
+        side: of the target muscle.
+    """
+
+    embedding: str = "irvae"
+    threshold: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    side: Literal["left", "right"] = "left"
+
+
+class ScsTask(Block):
+    """The stimulation tasks, one per target muscle (`scs_st`, `scs_ga`, ...)."""
+
+    problem: ScsProblem = ScsProblem()
+    budget: Budget
+    tasks: list[Literal["scs_il", "scs_vlrf", "scs_ta", "scs_bfgm", "scs_st", "scs_ga"]]
+    methods: list[str]
+
+
+class DigitsProblem(Block):
+    """What makes an image valid.
+
+    Attributes:
+        temperature: of the predictor's softmax; 2 on the 8 x 8 images gives the confidence profile that
+            the paper's network has at 200.
+        threshold: least probability of a valid image.
+    """
+
+    temperature: Positive = 2.0
+    threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
+
+
+class DigitsTask(Block):
+    """The ten tasks `digits_0` ... `digits_9` and the methods that run on them."""
+
+    problem: DigitsProblem = DigitsProblem()
+    budget: Budget
+    tasks: list[Annotated[str, Field(pattern=r"^digits_[0-9]$")]]
+    methods: list[str]
+
+
+class Tasks(Block):
+    """One block per family of tasks."""
+
+    synthetic: SyntheticTask
+    hand: HandTask
+    scs: ScsTask
+    digits: DigitsTask
