@@ -96,6 +96,7 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         batch=budget.batch,
         n_trials=budget.trials,
         seeds=seeds,
+        counts=[result.counts for result in results],
         **_common_facts(results),
     )
     write_run_file(run_path(task, method, root), [result.rows for result in results], metadata)

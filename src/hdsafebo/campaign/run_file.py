@@ -50,6 +50,27 @@ Rows = dict[str, NDArray]
 
 
 @dataclass(frozen=True)
+class RunCounts:
+    """What went wrong in the run of one seed without ending it, and what ended it early.
+
+    Attributes:
+        fits: Gaussian processes that rounds were asked with, those of all functions counted.
+        jitters: fits that needed a larger diagonal than the noise.
+        fallbacks: fits that failed, so that the last good hyper-parameters were kept.
+        marked: trials that were not believed safe, and marked as such.
+        missing: trials of the budget that were not made because the method abstained.
+        abstained: why the method ended before the trials were used up; None if it did not.
+    """
+
+    fits: int
+    jitters: int
+    fallbacks: int
+    marked: int
+    missing: int
+    abstained: str | None
+
+
+@dataclass(frozen=True)
 class RunMetadata:
     """What a run file says about itself.
 
@@ -67,6 +88,7 @@ class RunMetadata:
         batch: trials per round.
         n_trials: all trials of a run, the initial ones included.
         seeds: one per run.
+        counts: one per run, in the same order.
         space: what is searched, 'latent' or 'original'.
         dimension: number of searched coordinates.
     """
@@ -84,6 +106,7 @@ class RunMetadata:
     batch: int
     n_trials: int
     seeds: list[int]
+    counts: list[RunCounts]
     space: str
     dimension: int
 

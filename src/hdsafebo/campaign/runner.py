@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,9 @@ import numpy as np
 
 from hdsafebo.campaign.progress import Beacon
 from hdsafebo.campaign.rounds import Round, RunJournal, points_digest
-from hdsafebo.campaign.run_file import Rows, join_rows, rows_of, safety_columns
+from hdsafebo.campaign.run_file import Rows, RunCounts, join_rows, rows_of, safety_columns
 from hdsafebo.campaign.run_spec import RunSpec, budget_of, identity_of
-from hdsafebo.errors import JournalError, NoSafePointError
+from hdsafebo.errors import JournalError, NoSafePointError, SurrogateError
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.optimizers.registry import ORIGINAL_SUFFIX, load_optimizer, make_optimizer
 from hdsafebo.params import Budget
@@ -39,13 +39,18 @@ class RunResult:
         seed: its seed.
         rows: its trials.
         facts: what does not depend on the seed (see `run_file.RunMetadata`).
-        abstained: why the method ended before the trials were used up; None if it did not.
+        counts: of failed fits, marked and missing trials.
     """
 
     seed: int
     rows: Rows
     facts: dict[str, Any]
-    abstained: str | None
+    counts: RunCounts
+
+    @property
+    def abstained(self) -> str | None:
+        """Why the method ended before the trials were used up; None if it did not."""
+        return self.counts.abstained
 
 
 def run(spec: RunSpec) -> RunResult:
@@ -65,7 +70,7 @@ def run(spec: RunSpec) -> RunResult:
             _Run(spec, task, settings, budget_of(params, spec.task), journal).finish()
         assert journal.outcome is not None
         rows = join_rows([entry.rows for entry in journal.rounds])
-        return RunResult(spec.seed, rows, journal.outcome["facts"], journal.outcome["abstained"])
+        return RunResult(spec.seed, rows, journal.outcome["facts"], RunCounts(**journal.outcome["counts"]))
 
 
 class _Run:
@@ -103,7 +108,7 @@ class _Run:
     def finish(self) -> None:
         """Do all rounds that are missing."""
         abstained = self._all_rounds()
-        self.journal.finish({"facts": self._facts(), "abstained": abstained})
+        self.journal.finish({"facts": self._facts(), "counts": asdict(self._counts(abstained))})
 
     def _all_rounds(self) -> str | None:
         """Why the method abstained from the rest of the trials; None if it did not."""
@@ -118,7 +123,7 @@ class _Run:
         while len(self.optimizer.trials) < self.budget.trials:
             try:
                 self._round(number, self._ask, self._tell)
-            except NoSafePointError as error:
+            except (NoSafePointError, SurrogateError) as error:
                 return str(error)
             number += 1
         return None
@@ -222,6 +227,18 @@ class _Run:
         self.journal.save_state(self.optimizer.save)
         self._state_time = time.monotonic()
         self._state_seconds = self._state_time - start
+
+    def _counts(self, abstained: str | None) -> RunCounts:
+        fits = self.optimizer.fit_counts
+        trials = self.optimizer.trials
+        return RunCounts(
+            fits=fits.fits,
+            jitters=fits.jitters,
+            fallbacks=fits.fallbacks,
+            marked=int(trials.marked_unsafe.sum()),
+            missing=self.budget.trials - len(trials),
+            abstained=abstained,
+        )
 
     def _facts(self) -> dict[str, Any]:
         kind = type(self.optimizer)

@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import NoSafePointError, TrialError
 from hdsafebo.gp_fit import LengthScaleLimits
-from hdsafebo.optimizers.fits import Fits
+from hdsafebo.optimizers.fits import FitCounts, Fits
 from hdsafebo.optimizers.ledger import Ledger
+from hdsafebo.optimizers.nearest_trials import rows_near_best
 from hdsafebo.optimizers.proposal import Codec, Proposal, encode, realise
 from hdsafebo.optimizers.results import check_points, check_results, check_rows
 from hdsafebo.optimizers.settings import OptimizerSettings, check_settings
@@ -328,11 +329,13 @@ class Optimizer(ABC):
         )
 
     def rows_to_fit(self) -> IntArray:
-        """Rows of the completed trials that the surrogate is fitted to: all of them.
+        """Rows of the completed trials that the surrogate is fitted to: all, or those near the best."""
+        return rows_near_best(self._ledger, self.kernel_inputs, self.settings.max_fitted_trials)
 
-        A long campaign bounds its cost by overriding this with, say, the thousand nearest to the centre.
-        """
-        return np.flatnonzero(self.trials.completed)
+    @property
+    def fit_counts(self) -> FitCounts:
+        """Fits that rounds were asked with so far, and how many of them were in numerical trouble."""
+        return self._fits.counts
 
     @property
     def model(self) -> Any:
@@ -377,9 +380,7 @@ class Optimizer(ABC):
         total = len(self.problem.candidates.features)
         left = total - len(self.taken)
         if left == 0:
-            raise TrialError(
-                f"all {total} candidates of {self.problem.name!r} have been proposed or evaluated"
-            )
+            raise TrialError(f"all {total} candidates of {self.problem.name!r} have been proposed or tried")
         return left
 
     def _pending(self, proposal: Proposal) -> Trials:

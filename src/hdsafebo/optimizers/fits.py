@@ -7,11 +7,28 @@ an optimiser does not change what it does next.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from hdsafebo.surrogate import DistanceCache, Surrogate, SurrogateState
 
 Fit = Callable[[SurrogateState | None, DistanceCache], Surrogate]
+_COUNTED = ("fits", "jitters", "fallbacks")
+
+
+@dataclass(frozen=True)
+class FitCounts:
+    """Fits of the processes of all functions together, as rounds were asked with them.
+
+    Attributes:
+        fits: all of them.
+        jitters: fits that needed a larger diagonal than the noise.
+        fallbacks: fits that failed, so that the last good hyper-parameters were kept.
+    """
+
+    fits: int = 0
+    jitters: int = 0
+    fallbacks: int = 0
 
 
 class Fits:
@@ -33,6 +50,15 @@ class Fits:
         """A round was asked with the current surrogate, if there is one: the next fit starts from it."""
         if self._current is not None:
             self._next_start = self._current.state
+
+    @property
+    def counts(self) -> FitCounts:
+        """Counts of the fits that were used; a saved state carries them on."""
+        state = self._start if self._next_start is None else self._next_start
+        if state is None:
+            return FitCounts()
+        processes = (state.objective, *state.safety)
+        return FitCounts(*(sum(getattr(h, name) for h in processes) for name in _COUNTED))
 
     def forget(self) -> None:
         """The data changed."""

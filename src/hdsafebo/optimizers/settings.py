@@ -27,6 +27,13 @@ class OptimizerSettings(BaseModel):
             needs, or each by its own width (see `search_space`); None does so when there is an embedding.
         shortest_length_scale: limit of fitted length scales, in median distances of the data.
         longest_length_scale: the other limit.
+        max_fitted_trials: the surrogate is fitted only to so many completed trials, those nearest to the best
+            feasible one (see `nearest_trials`), so that a round costs the same however many there are; None
+            fits it to all. What is believed safe, and each safe probability, is then given those trials
+            alone: a violation that was seen elsewhere is forgotten, and far from the centre the prior, which
+            follows the trials that were kept, decides. Proposition 1 takes the data as given, not chosen by
+            their outcomes, so it holds for the neighbourhood of the centre only as far as the trials left
+            out say nothing about it. The models of their own that some baselines fit are not bounded.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -37,6 +44,7 @@ class OptimizerSettings(BaseModel):
     isotropic: bool | None = None
     shortest_length_scale: float = Field(default=0.005, gt=0)
     longest_length_scale: float = Field(default=3.0, gt=0)
+    max_fitted_trials: int | None = Field(default=None, ge=1)
 
     @model_validator(mode="after")
     def _one_confidence(self) -> OptimizerSettings:
