@@ -88,20 +88,21 @@ def test_codes_come_back_and_distances_stay(make: Callable[[str], Task]) -> None
 def test_evaluation_is_that_of_the_policy_over_synergies(make: Callable[[str], Task]) -> None:
     problem = problem_of(make("hdsafebo"))
     x, _ = problem.initial(4, np.random.default_rng(3))
-    found = problem.evaluate(Trials.pending(x, x, 3))
+    found = problem.evaluate(Trials.pending(x, x, 4))
     expected = evaluate_policies(SCENE, problem.space, x)
     np.testing.assert_array_equal(found.objective, expected.total_reward)
     np.testing.assert_array_equal(found.safety[:, 0], -expected.landing_speed)
     np.testing.assert_array_equal(found.safety[:, 1] >= 0, ~expected.dropped)
     np.testing.assert_array_equal(found.safety[:, 2], -expected.handling_speed)
+    np.testing.assert_array_equal(found.safety[:, 3] >= 0, expected.upright)
     assert not found.failed.any()  # type: ignore[union-attr]
-    again = problem.evaluate(Trials.pending(x, x, 3))
+    again = problem.evaluate(Trials.pending(x, x, 4))
     np.testing.assert_array_equal(again.safety, found.safety)
 
 
 def test_reported_safety_is_the_landing_speed(make: Callable[[str], Task]) -> None:
     problem = make("hdsafebo").problem
-    values = np.array([[-4.39, -0.5, -5.0], [-4.41, 1.0, 0.0], [0.0, 1.0, -2.0]])
+    values = np.array([[-4.39, -0.5, -5.0, -3.1], [-4.41, 1.0, 0.0, 0.1], [0.0, 1.0, -2.0, -0.2]])
     np.testing.assert_array_equal(problem.is_safe(values), [True, False, True])
     np.testing.assert_allclose(problem.violation(values), [0, 0.01, 0])
 
@@ -117,6 +118,7 @@ def test_what_is_modelled_depends_on_the_method(make: Callable[[str], Task]) -> 
         ("landing_speed", -4.4, False),
         ("no_drop", 0.0, True),
         ("handling_speed", -0.9, True),
+        ("upright", 0.0, False),
     ]
 
 
@@ -147,7 +149,7 @@ def test_a_diverging_simulation_is_a_failed_trial(
     monkeypatch.setattr(simulation, "MAX_JOINT_SPEED", 0.1)
     problem = make("hdsafebo").problem
     x, _ = problem.initial(2, np.random.default_rng(0))
-    trials = Trials.pending(x, x, 3).with_results(problem.evaluate(Trials.pending(x, x, 3)))
+    trials = Trials.pending(x, x, 4).with_results(problem.evaluate(Trials.pending(x, x, 4)))
     assert (trials.status == Status.FAILED).all()
     assert np.isnan(trials.objective).all()
     assert np.isnan(trials.safety).all()
@@ -156,7 +158,7 @@ def test_a_diverging_simulation_is_a_failed_trial(
 def test_bad_input(make: Callable[[str], Task], params: Params, tmp_path: Path) -> None:
     problem = make("hdsafebo").problem
     with pytest.raises(HandModelError, match=r"expected \(n, 2365\): 43 x 55 weights"):
-        problem.evaluate(Trials.pending(np.zeros((1, 3575)), np.zeros((1, 3575)), 3))
+        problem.evaluate(Trials.pending(np.zeros((1, 3575)), np.zeros((1, 3575)), 4))
     with pytest.raises(HandModelError, match="cannot be read as synergies"):
         make_task("hand", params, method="hdsafebo", seed=0, root=tmp_path)
 

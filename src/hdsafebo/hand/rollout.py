@@ -78,9 +78,14 @@ class Episodes:
         return np.array([reason is not None for reason in self.failures], bool)
 
     @property
+    def in_hand(self) -> NDArray[np.bool_]:
+        """(n,) True where the bottle ended held by the hand, not wedged against the forearm."""
+        return ~self.dropped & (self.overlapping == 0) & ~self.failed
+
+    @property
     def upright(self) -> NDArray[np.bool_]:
-        """(n,) True where the bottle ended upright (tilt below 0.35 rad) and held by the hand."""
-        return (self.tilt < UPRIGHT_TILT) & ~self.dropped & (self.overlapping == 0) & ~self.failed
+        """(n,) True where the bottle ended upright (tilt at most 0.35 rad) and held by the hand."""
+        return (self.tilt <= UPRIGHT_TILT) & self.in_hand
 
 
 def evaluate_policies(

@@ -21,6 +21,7 @@ class Ledger:
     """
 
     def __init__(self, problem: Problem, code_dimension: int) -> None:
+        self._binding = np.array([s.modelled or s.reported for s in problem.safety])
         self._thresholds = np.array([s.threshold for s in problem.safety])
         self._names = [s.name for s in problem.safety]
         empty = np.empty((0, problem.bounds.shape[1]))
@@ -78,9 +79,13 @@ class Ledger:
 
     @property
     def feasible(self) -> NDArray[np.bool_]:
-        """(n,) True for completed trials whose every safety value meets its threshold."""
+        """(n,) True for completed trials whose every safety value meets its threshold.
+
+        Values of functions that are neither modelled nor reported are on record, and bind nobody.
+        """
         with np.errstate(invalid="ignore"):
-            return np.asarray(self.trials.completed & (self.trials.safety >= self._thresholds).all(axis=1))
+            met = (self.trials.safety >= self._thresholds) | ~self._binding
+        return np.asarray(self.trials.completed & met.all(axis=1))
 
     def best_row(self, among: NDArray[np.bool_]) -> int | None:
         """Row of the highest objective among the marked trials; None when none is marked."""
@@ -102,11 +107,12 @@ class Ledger:
         safety = self.trials.safety[rows]
         spread = safety.std(axis=0)
         missing = np.maximum(self._thresholds - safety, 0.0) / np.where(spread > 0, spread, 1.0)
-        return int(rows[np.argmin(missing.sum(axis=1))])
+        return int(rows[np.argmin(missing[:, self._binding].sum(axis=1))])
 
     def describe_thresholds(self) -> str:
         """Names and thresholds for messages."""
-        return ", ".join(f"{name} >= {h:g}" for name, h in zip(self._names, self._thresholds, strict=True))
+        functions = zip(self._names, self._thresholds, self._binding, strict=True)
+        return ", ".join(f"{name} >= {h:g}" for name, h, binding in functions if binding)
 
     def _filled(self, ids: IntArray, results: Results) -> Trials:
         objective, safety, status = (

@@ -10,6 +10,10 @@ Objective: the sum of rewards of an episode. Safety functions:
   Gaussian process of it is blind. One of `no_drop` sees the boundary between the modes, and never dropping
   implies a safe landing speed.
 * `handling_speed`: minus the largest speed of the bottle while something touches it.
+* `upright`: 0.35 rad minus the mean tilt of the last 20 steps; minus pi unless the bottle is held by the hand
+  at the end. Nothing unsafe happens below its threshold 0: it is on record to say which policies do the task.
+
+Of these four only those bind an optimiser that are modelled or reported; the others are on record.
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ import numpy as np
 
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.reference import behaviour_map, load_moment
-from hdsafebo.hand.rollout import Scene, evaluate_policies
+from hdsafebo.hand.rollout import UPRIGHT_TILT, Scene, evaluate_policies
 from hdsafebo.hand.synergies import load_synergies, synergy_policies
 from hdsafebo.params import HandProblem, Params
 from hdsafebo.problem import Evaluation, FloatArray, IntArray, Problem, Safety, Trials
@@ -94,6 +98,7 @@ class HandPolicies(Problem):
             "landing_speed": -outcome.landing_speed,
             "no_drop": np.where(outcome.dropped, -lost / self.scene.horizon, 1.0),
             "handling_speed": -outcome.handling_speed,
+            "upright": np.where(outcome.in_hand, UPRIGHT_TILT - outcome.tilt, -np.pi),
         }
         safety = np.stack([columns[function.name] for function in self.safety], axis=1)
         return Evaluation(outcome.total_reward, safety, outcome.failed)
@@ -112,6 +117,7 @@ def safety_functions(
         "landing_speed": -landing_limit,
         "no_drop": 0.0,
         "handling_speed": -settings.handling_limit,
+        "upright": 0.0,
     }
     return tuple(
         Safety(name, limit, modelled=name in modelled, reported=name in settings.reported)
