@@ -6,6 +6,7 @@ Matern-5/2 correlation k; c and s standardise the outcomes. `gp_fit` finds the h
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,6 +18,10 @@ from hdsafebo.outcomes import Outcomes
 from hdsafebo.problem import FloatArray
 
 _LEAST_VARIANCE = 1e-10
+_FAST_ERROR = 3e-8
+"""Largest error of `fast_distances`, over the norms: the square root of a few units of rounding."""
+_TOLERATED_ERROR = 1e-3
+"""In length scales; larger errors would change variances near the data by more than the noise."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +83,7 @@ class GaussianProcess:
 
     def correlation(self, x: FloatArray) -> FloatArray:
         """(k, n) prior correlation of the points (k, p) with the data."""
-        return matern52(fast_distances(x, self.inputs), self.length_scale)
+        return matern52(self._distances(x, self.inputs), self.length_scale)
 
     def predict_mean(self, x: FloatArray) -> FloatArray:
         """(k,) posterior mean at (k, p) kernel inputs."""
@@ -97,7 +102,7 @@ class GaussianProcess:
 
     def predict_with_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Posterior mean, deviation (k,) and their gradients (k, p); meant for few points."""
-        k, slope = matern52_with_slope(fast_distances(x, self.inputs), self.length_scale)
+        k, slope = matern52_with_slope(self._distances(x, self.inputs), self.length_scale)
         q = k @ self._inverse
         remaining = np.maximum(1.0 - np.einsum("ij,ij->i", q, k), _LEAST_VARIANCE)
         deviation = self.signal_deviation * np.sqrt(remaining)
@@ -111,6 +116,13 @@ class GaussianProcess:
         v = solve_triangular(self.factor, self.correlation(x).T, lower=True, check_finite=False)
         prior = matern52(exact_distances(x, x), self.length_scale)
         return self.signal_deviation**2 * (prior - v.T @ v)
+
+    @cached_property
+    def _distances(self) -> Callable[[FloatArray, FloatArray], FloatArray]:
+        """The fast distances, unless the data lie too far from the origin for them."""
+        farthest = float(np.linalg.norm(self.inputs, axis=1).max())
+        fast = _FAST_ERROR * farthest <= _TOLERATED_ERROR * self.length_scale
+        return fast_distances if fast else exact_distances
 
     @cached_property
     def _inverse(self) -> FloatArray:

@@ -10,6 +10,8 @@ from hdsafebo.problem import FloatArray
 
 _OUTLIER = 20.0
 _TAIL = 0.05
+_LARGEST = 1e140
+"""Values beyond count as this one: squares and variances stay finite numbers."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class Outcomes:
     @classmethod
     def of(cls, y: FloatArray) -> Outcomes:
         """Standardisation of the (n,) values."""
+        y = np.clip(y, -_LARGEST, _LARGEST)
         tail = int(np.ceil(_TAIL * len(y))) if len(y) > 2 else 0
         central = np.sort(y)[tail : len(y) - tail]
         for values in (central, y):
@@ -37,7 +40,7 @@ class Outcomes:
 
     def standardise(self, y: FloatArray) -> FloatArray:
         """Standardised values."""
-        v = (y - self.centre) / self.scale
+        v = (np.clip(y, -_LARGEST, _LARGEST) - self.centre) / self.scale
         far = np.abs(v) > _OUTLIER
         if np.any(far):
             drawn = np.sign(v) * (_OUTLIER + np.log1p(np.abs(v) - _OUTLIER, where=far, out=np.zeros_like(v)))

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hdsafebo.errors import SurrogateError
 from hdsafebo.gaussian_process import GaussianProcess, Hyperparameters
 from hdsafebo.gp_fit import LengthScaleLimits, fit_gaussian_process
 from hdsafebo.kernel import exact_distances
@@ -183,9 +184,15 @@ def fit_surrogate(
         limits: of the length scales.
 
     Raises:
-        SurrogateError: a process cannot be fitted, not even with the last good hyper-parameters.
+        SurrogateError: a process cannot be fitted, not even with the last good hyper-parameters, or the
+            inputs have no finite distances.
     """
     distances = (cache or DistanceCache()).of(inputs)
+    if not np.isfinite(distances).all():
+        raise SurrogateError(
+            f"distances between the kernel inputs of {len(inputs)} trials are not finite; expected inputs "
+            "(codes or features) that are finite and whose squares are"
+        )
     starts = (None,) * (1 + safety.shape[1]) if start is None else (start.objective, *start.safety)
     outcomes = [objective, *safety.T]
     processes = [
