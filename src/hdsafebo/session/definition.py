@@ -11,15 +11,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-import yaml
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from hdsafebo.params import Block, Count, Positive, Scalar
+from hdsafebo.params.yaml_file import read_mapping
 from hdsafebo.session.emg import Emg
 from hdsafebo.session.errors import DefinitionError
 from hdsafebo.session.stimulator import StimulationLimits, Stimulator
 
-MAX_BYTES = 2**20
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s,;:/\\]+$")]
 
@@ -208,19 +207,10 @@ def load_definition(path: Path) -> Definition:
     """Read and check a session file; only plain data is constructed from it.
 
     Raises:
-        DefinitionError: missing, too large, no YAML mapping, or a key is missing, unknown, of the wrong
-            type or out of range; the message names it.
+        DefinitionError: the file is missing, too large or no YAML mapping, or a key is missing, unknown,
+            there twice, of the wrong type or out of range; the message names it.
     """
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise DefinitionError(f"{path}: {path.stat().st_size} bytes, expected at most {MAX_BYTES}")
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DefinitionError(f"{path}: {error.strerror or error}") from None
-    except (ValueError, yaml.YAMLError, RecursionError) as error:
-        raise DefinitionError(f"{path}: cannot be read as YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(data, dict):
-        raise DefinitionError(f"{path}: expected a mapping, got {type(data).__name__}")
+    data = read_mapping(path, DefinitionError)
     return parse_definition(data, source=str(path))
 
 
