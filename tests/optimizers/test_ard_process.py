@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.optimizers.ard import BOTORCH_DEFAULT, TRUST_REGION, ArdFit, ArdModel, correlation
-from hdsafebo.optimizers.ard_process import ArdProcess
+from hdsafebo.optimizers.ard_process import ArdProcess, BelievedPool
 
 FIT = ArdFit(np.array([0.4, 0.9, 2.0]), 1e-3, 1.7, 0.1, 0.0)
 
@@ -39,7 +39,8 @@ def test_posterior(model: ArdModel) -> None:
 @pytest.mark.parametrize("model", [BOTORCH_DEFAULT, TRUST_REGION])
 def test_gradient(model: ArdModel) -> None:
     gp, q, e = process(model), np.random.default_rng(1).random((4, 3)), 1e-6
-    mean, sd, d_mean, d_sd = gp.predict_with_gradient(q)
+    mean, sd, pullback = gp.predict_with_pullback(q)
+    d_mean, d_sd = pullback(np.ones(4), np.zeros(4)), pullback(np.zeros(4), np.ones(4))
     np.testing.assert_allclose([mean, sd], gp.predict(q), rtol=1e-8)
     for j in range(3):
         step = e * np.eye(3)[j]
@@ -68,6 +69,27 @@ def test_belief_leaves_the_mean_and_shrinks_the_deviation() -> None:
     np.testing.assert_allclose(more.predict(probe)[0], gp.predict(probe)[0], rtol=1e-6)
     assert (more.predict(probe)[1] <= gp.predict(probe)[1] + 1e-9).all()
     assert (more.predict(q)[1] < 0.1 * gp.unit).all()
+
+
+def test_pool_follows_the_beliefs() -> None:
+    gp, rng = process(BOTORCH_DEFAULT), np.random.default_rng(1)
+    points, q = rng.random((20, 3)), rng.random((3, 3))
+    pool, more = BelievedPool(gp, points), gp
+    for point in q:
+        more = more.believing(point[None])
+        pool.follow(more)
+    np.testing.assert_allclose([pool.mean, pool.sd], more.predict(points), rtol=1e-6)
+    np.testing.assert_allclose(pool.sd, gp.believing(q).predict(points)[1], rtol=1e-6)
+
+
+def test_paths_around_a_centre_are_the_same_paths() -> None:
+    rng = np.random.default_rng(0)
+    x, d = rng.random((25, 40)), 40
+    gp = ArdProcess(x, np.sin(4 * x[:, 0]), TRUST_REGION, fit=ArdFit(np.full(d, 2.0), 1e-3, 1.7, 0.1, 0.0))
+    q = np.tile(x[0], (30, 1))
+    q[np.arange(30), np.arange(30)] = rng.random(30)
+    dense, sparse = (gp.paths(q, 4, np.random.default_rng(5), centre) for centre in (None, x[0]))
+    np.testing.assert_allclose(sparse, dense, rtol=1e-9)
 
 
 def test_constant_outcomes_and_one_point_are_admissible() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import fmin_l_bfgs_b
 from scipy.special import erfcx, log_ndtr
 
 from hdsafebo.problem import FloatArray
@@ -71,11 +71,10 @@ def maximise(
         value, gradient = acquisition(flat.reshape(r, d))
         return -float(value.sum()), -gradient.ravel()
 
-    box = np.column_stack([np.tile(lower, r), np.tile(upper, r)])
-    result = minimize(
-        loss, starts.ravel(), jac=True, method="L-BFGS-B", bounds=box, options={"maxiter": max_iterations}
-    )
-    ends = np.clip(result.x.reshape(r, d), lower, upper)
+    # `minimize` would convert thousands of limits to lists and back for every ascent.
+    box = list(zip(np.tile(lower, r).tolist(), np.tile(upper, r).tolist(), strict=True))
+    flat, _, _ = fmin_l_bfgs_b(loss, starts.ravel(), bounds=box, maxiter=max_iterations)
+    ends = np.clip(flat.reshape(r, d), lower, upper)
     values = acquisition(ends)[0]
     winner = int(np.argmax(values))
     return ends[winner], float(values[winner])

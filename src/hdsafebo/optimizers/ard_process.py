@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.sparse import csr_array
 
 from hdsafebo.errors import SurrogateError
 from hdsafebo.kernel import fast_distances
 from hdsafebo.optimizers.ard import ArdFit, ArdModel, correlation, fit_ard
 from hdsafebo.problem import FloatArray
 
-_FEATURES = 1024
-"""Random Fourier features of a prior sample; the data correct it exactly (Wilson et al. 2020)."""
+_FREQUENCIES = 512
+"""Of the random Fourier features of a prior sample; the data correct it exactly (Wilson et al. 2020)."""
 _NUGGET = 1e-6
 """Of the signal variance, added to believed points so that near ones stay factorisable."""
 _JITTERS = (0.0, 1e-8, 1e-6, 1e-4)
 _COLD_ITERATIONS = 100
-_WARM_ITERATIONS = 20
+_WARM_ITERATIONS = 10
 """Steps of a fit that starts from the last one: what is missing then follows in the next rounds."""
+_SPARSE = 10
+"""Products skip coordinates that candidates share when at least this many times those that differ."""
+
+Pullback = Callable[[FloatArray, FloatArray], FloatArray]
+"""Takes (r,) derivatives of a value in mean and deviation, gives its (r, d) gradient in the inputs."""
 
 
 class ArdProcess:
@@ -56,6 +62,7 @@ class ArdProcess:
         steps = _COLD_ITERATIONS if start is None else _WARM_ITERATIONS
         self.fit = fit_ard(x, standard, model, start, steps) if fit is None else fit
         self._scaled = x / self.fit.length_scales
+        self._norms = np.einsum("ij,ij->i", self._scaled, self._scaled)
         self._factor = self._factorise()
         self._residual = standard - self.fit.mean
         self._alpha = cho_solve(self._factor, self._residual)
@@ -67,38 +74,53 @@ class ArdProcess:
         variance = np.maximum(self.fit.scale - np.einsum("ij,ij->j", half, half), 1e-12 * self.fit.scale)
         return self._back(cross.T @ self._alpha), self.unit * np.sqrt(variance)
 
-    def predict_with_gradient(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """As `predict`, then the (r, d) gradients of both."""
+    def predict_with_pullback(self, q: FloatArray) -> tuple[FloatArray, FloatArray, Pullback]:
+        """As `predict`, and what turns derivatives in both into a gradient in the inputs.
+
+        The chain rule is applied before the sum over the data, which is the larger part of the work.
+        """
         scaled = q / self.fit.length_scales
-        squared = fast_distances(self._scaled, scaled) ** 2
+        squared = self._squared_distances(scaled)
         cross = self.fit.scale * correlation(squared, self.model.kernel)
-        slope = self._slope(squared, cross)
-        weights = cho_solve(self._factor, cross)
+        weights = cho_solve(self._factor, cross, check_finite=False)
         variance = np.maximum(self.fit.scale - np.einsum("ij,ij->j", cross, weights), 1e-12 * self.fit.scale)
         sd = np.sqrt(variance)
-        d_mean = self._pull(slope * self._alpha[:, None], scaled)
-        d_sd = -self._pull(slope * weights, scaled) / sd[:, None]
-        mean = self._back(cross.T @ self._alpha)
-        return mean, self.unit * sd, self.unit * d_mean, self.unit * d_sd
 
-    def paths(self, q: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+        def pullback(by_mean: FloatArray, by_sd: FloatArray) -> FloatArray:
+            of_data = self._alpha[:, None] * by_mean - weights * (by_sd / sd)
+            weighted = self.unit * self._slope(squared, cross) * of_data
+            pulled = weighted.T @ self._scaled - weighted.sum(axis=0)[:, None] * scaled
+            return np.asarray(pulled / self.fit.length_scales)
+
+        return self._back(cross.T @ self._alpha), self.unit * sd, pullback
+
+    def paths(
+        self, q: FloatArray, count: int, rng: np.random.Generator, centre: FloatArray | None = None
+    ) -> FloatArray:
         """(count, r) joint posterior samples at (r, d) points.
 
         Matheron's rule: a prior sample, here of random Fourier features, plus the exact correction by the
         data (Wilson et al., Efficiently Sampling Functions from Gaussian Process Posteriors, ICML 2020).
+
+        Args:
+            q: the points.
+            count: number of samples.
+            rng: source of randomness.
+            centre: (d,) point whose coordinates most points of `q` share; products of large matrices are
+                then sparse ones.
         """
-        d = self.x.shape[1]
-        frequencies = rng.standard_normal((_FEATURES, d))
+        m, d = _FREQUENCIES, self.x.shape[1]
+        frequencies = rng.standard_normal((m, d))
         if self.model.kernel == "matern52":
-            frequencies *= np.sqrt(5.0 / rng.chisquare(5.0, _FEATURES))[:, None]
-        phases = rng.uniform(0.0, 2 * np.pi, _FEATURES)
-        weights = rng.standard_normal((_FEATURES, count)) * np.sqrt(2.0 * self.fit.scale / _FEATURES)
-        scaled = q / self.fit.length_scales
+            frequencies *= np.sqrt(5.0 / rng.chisquare(5.0, m))[:, None]
+        weights = rng.standard_normal((2, m, count)) * np.sqrt(self.fit.scale / m)
         noise = np.sqrt(self.fit.noise) * rng.standard_normal((len(self.x), count))
-        prior_here = np.cos(self._scaled @ frequencies.T + phases) @ weights + noise
-        update = cho_solve(self._factor, self._residual[:, None] - prior_here)
-        samples = np.cos(scaled @ frequencies.T + phases) @ weights + self._covariance(scaled).T @ update
-        return np.asarray(self._back(samples).T)
+        missed = self._residual[:, None] - _waves(self._scaled @ frequencies.T, weights) - noise
+        update = cho_solve(self._factor, missed)
+        products = _products(q, np.vstack([frequencies, self._scaled]) / self.fit.length_scales, centre)
+        squared = self._squared_distances(q / self.fit.length_scales, products[:, m:].T)
+        cross = self.fit.scale * correlation(squared, self.model.kernel)
+        return np.asarray(self._back(_waves(products[:, :m], weights) + cross.T @ update).T)
 
     def believing(self, q: FloatArray) -> ArdProcess:
         """The process as if its mean had been observed, without noise, at the (r, d) points `q` as well.
@@ -113,11 +135,12 @@ class ArdProcess:
         corner = self.fit.scale * correlation(fast_distances(scaled, scaled) ** 2, self.model.kernel)
         corner.flat[:: len(q) + 1] = (1.0 + _NUGGET) * self.fit.scale
         n, r = cross.shape
-        factor = np.zeros((n + r, n + r))
+        factor = np.zeros((n + r, n + r), order="F")  # LAPACK's order: solving makes no copy
         factor[:n, :n], factor[n:, :n] = np.tril(self._factor[0]), half.T
         factor[n:, n:] = cholesky(corner - half.T @ half, lower=True)
         more = copy(self)
         more.x, more._scaled = np.vstack([self.x, q]), np.vstack([self._scaled, scaled])
+        more._norms = np.concatenate([self._norms, np.einsum("ij,ij->i", scaled, scaled)])
         more._factor = (factor, True)
         more._residual = np.concatenate([self._residual, cross.T @ self._alpha])
         # A believed mean carries no information on the mean elsewhere.
@@ -142,7 +165,14 @@ class ArdProcess:
 
     def _covariance(self, scaled: FloatArray) -> FloatArray:
         """(n, r) covariance of the data with points that are divided by the length scales already."""
-        return self.fit.scale * correlation(fast_distances(self._scaled, scaled) ** 2, self.model.kernel)
+        return self.fit.scale * correlation(self._squared_distances(scaled), self.model.kernel)
+
+    def _squared_distances(self, scaled: FloatArray, products: FloatArray | None = None) -> FloatArray:
+        """(n, r) from the data, in length scales; `products` are the (n, r) inner products, if known."""
+        squared = -2.0 * (self._scaled @ scaled.T if products is None else products)
+        squared += self._norms[:, None]
+        squared += np.einsum("ij,ij->i", scaled, scaled)
+        return np.maximum(squared, 0.0, out=squared)
 
     def _slope(self, squared: FloatArray, cross: FloatArray) -> FloatArray:
         """s such that the gradient of the covariance in the query is s * (data - query), scaled units."""
@@ -151,10 +181,54 @@ class ArdProcess:
         a = np.sqrt(5.0 * squared)
         return np.asarray(self.fit.scale * (5.0 / 3.0) * (1.0 + a) * np.exp(-a))
 
-    def _pull(self, weighted: FloatArray, scaled: FloatArray) -> FloatArray:
-        """(r, d) sum_i weighted_ij (data_i - query_j), in units of the inputs."""
-        pulled = weighted.T @ self._scaled - weighted.sum(axis=0)[:, None] * scaled
-        return np.asarray(pulled / self.fit.length_scales)
+
+class BelievedPool:
+    """Posterior at fixed points, kept up to date while points are believed one after another.
+
+    Args:
+        process: before the first belief.
+        points: (k, d).
+
+    Attributes:
+        mean: (k,), which no belief changes.
+    """
+
+    def __init__(self, process: ArdProcess, points: FloatArray) -> None:
+        self._scaled = points / process.fit.length_scales
+        cross = process._covariance(self._scaled)
+        self._half = solve_triangular(process._factor[0], cross, lower=True, check_finite=False)
+        self._unit, self._least = process.unit, 1e-12 * process.fit.scale
+        self._variance = process.fit.scale - np.einsum("ij,ij->j", self._half, self._half)
+        self.mean = process._back(cross.T @ process._alpha)
+
+    @property
+    def sd(self) -> FloatArray:
+        """(k,) posterior standard deviations."""
+        return self._unit * np.sqrt(np.maximum(self._variance, self._least))
+
+    def follow(self, process: ArdProcess) -> None:
+        """Take in the one point that `process` believes beyond those already taken in."""
+        row = process._factor[0][-1]
+        new = process._scaled[-1:]
+        squared = fast_distances(new, self._scaled)[0] ** 2
+        cross = process.fit.scale * correlation(squared, process.model.kernel)
+        half = (cross - row[:-1] @ self._half) / row[-1]
+        self._half = np.vstack([self._half, half])
+        self._variance = self._variance - half * half
+
+
+def _waves(phases: FloatArray, weights: FloatArray) -> FloatArray:
+    """(r, count) sums of cosines and sines of (r, m) phases with (2, m, count) weights."""
+    return np.asarray(np.cos(phases) @ weights[0] + np.sin(phases) @ weights[1])
+
+
+def _products(q: FloatArray, matrix: FloatArray, centre: FloatArray | None) -> FloatArray:
+    """(r, m) q @ matrix', through the few coordinates in which the points differ from a centre."""
+    if centre is not None:
+        offsets = q - centre
+        if _SPARSE * np.count_nonzero(offsets) <= offsets.size:
+            return np.asarray(csr_array(offsets) @ matrix.T + matrix @ centre)
+    return np.asarray(q @ matrix.T)
 
 
 class WarmStart:

@@ -69,8 +69,10 @@ class Baxus(SubspaceOptimizer):
         process = self._warm.process("objective", y, objective, TRUST_REGION)
         half = 0.5 * self._region.length * relative_weights(process.fit.length_scales)
         count = max(self.settings.candidate_count(y.shape[1]), n)
-        candidates = box_candidates(y[np.argmax(objective)], half, count, self.rng)
-        return candidates[distinct_maxima(process.paths(candidates, n, self.rng))], self._region.length
+        centre = y[np.argmax(objective)]
+        candidates = box_candidates(centre, half, count, self.rng)
+        chosen = distinct_maxima(process.paths(candidates, n, self.rng, centre))
+        return candidates[chosen], self._region.length
 
     def finish_round(self, trials: Trials) -> None:
         """Count a success or failures, resize the box, and split when it is too small."""

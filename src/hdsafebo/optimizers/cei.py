@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from hdsafebo.optimizers.acquisition import (
     maximise,
 )
 from hdsafebo.optimizers.ard import BOTORCH_DEFAULT
-from hdsafebo.optimizers.ard_process import ArdProcess, WarmStart
+from hdsafebo.optimizers.ard_process import ArdProcess, BelievedPool, WarmStart
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.problem import FloatArray
 from hdsafebo.sampling import sobol_points
@@ -25,14 +25,15 @@ from hdsafebo.surrogate import modelled_safety, modelled_thresholds
 if TYPE_CHECKING:
     from botorch.models import ModelListGP
 
-_RAW = 256
-_NEAR = 64
+_RAW = 512
+_NEAR = 128
 _NEAR_STEP = 0.05
 _STARTS = 3
 _ASCENT = 25
 _MC_SAMPLES = 64
 _SEEDS = 2**31
 _Term = Callable[[FloatArray, FloatArray, float], tuple[FloatArray, FloatArray, FloatArray]]
+P = TypeVar("P")
 
 
 class CeiProb(Optimizer):
@@ -83,18 +84,24 @@ class CeiProb(Optimizer):
         feasible = self.best()
         best = None if feasible is None else float(feasible.objective[0])
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]]), 0.0, 1.0)
+        near = np.clip(centre + _NEAR_STEP * self.rng.standard_normal((_NEAR, d)), 0.0, 1.0)
+        raw = np.vstack([sobol_points(_RAW, d, self.rng), near])
+        pools = [BelievedPool(process, raw) for process in processes]
         chosen = np.empty((0, d))
-        for _ in range(n):
-            acquisition = constrained_improvement([p.believing(chosen) for p in processes], best)
-            near = np.clip(centre + _NEAR_STEP * self.rng.standard_normal((_NEAR, d)), 0.0, 1.0)
-            raw = np.vstack([sobol_points(_RAW, d, self.rng), near])
-            starts = raw[np.argsort(-acquisition(raw)[0], kind="stable")[:_STARTS]]
+        while True:
+            value = sum(term(p.mean, p.sd, at)[0] for p, term, at in _terms(pools, best))
+            starts = raw[np.argsort(-np.asarray(value), kind="stable")[:_STARTS]]
+            acquisition = constrained_improvement(processes, best)
             point, _ = maximise(acquisition, starts, np.zeros(d), np.ones(d), _ASCENT)
             chosen = np.vstack([chosen, point])
+            if len(chosen) == n:
+                return chosen
             believed, *margins = (float(p.predict(point[None])[0][0]) for p in processes)
             if min(margins) >= 0:
                 best = believed if best is None else max(best, believed)
-        return chosen
+            processes = [process.believing(point[None]) for process in processes]
+            for pool, process in zip(pools, processes, strict=True):
+                pool.follow(process)
 
 
 class Cei(CeiProb):
@@ -132,21 +139,25 @@ def constrained_improvement(processes: list[ArdProcess], best: float | None) -> 
         processes: objective, then margins that are feasible from 0 up.
         best: incumbent; None leaves the improvement out.
     """
-    objective, *margins = processes
+    terms = _terms(processes, best)
 
     def acquisition(q: FloatArray) -> tuple[FloatArray, FloatArray]:
         value, gradient = np.zeros(len(q)), np.zeros_like(q)
-        terms: list[tuple[ArdProcess, _Term, float]] = [(p, log_feasibility, 0.0) for p in margins]
-        if best is not None:
-            terms.append((objective, log_expected_improvement, best))
         for process, term, reference in terms:
-            mean, sd, mean_gradient, sd_gradient = process.predict_with_gradient(q)
+            mean, sd, pullback = process.predict_with_pullback(q)
             part, by_mean, by_sd = term(mean, sd, reference)
             value += part
-            gradient += by_mean[:, None] * mean_gradient + by_sd[:, None] * sd_gradient
+            gradient += pullback(by_mean, by_sd)
         return value, gradient
 
     return acquisition
+
+
+def _terms(posteriors: list[P], best: float | None) -> list[tuple[P, _Term, float]]:
+    """For the objective, and for margins that are feasible from 0 up: the logarithm and its reference."""
+    objective, *margins = posteriors
+    terms: list[tuple[P, _Term, float]] = [(p, log_feasibility, 0.0) for p in margins]
+    return terms if best is None else [*terms, (objective, log_expected_improvement, best)]
 
 
 def default_models(processes: list[ArdProcess]) -> ModelListGP:

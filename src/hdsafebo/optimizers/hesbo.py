@@ -77,8 +77,8 @@ def improvement(process: ArdProcess, best: float) -> Acquisition:
     """Log expected improvement over `best` and its gradient."""
 
     def acquisition(q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        mean, sd, mean_gradient, sd_gradient = process.predict_with_gradient(q)
+        mean, sd, pullback = process.predict_with_pullback(q)
         value, by_mean, by_sd = log_expected_improvement(mean, sd, best)
-        return value, by_mean[:, None] * mean_gradient + by_sd[:, None] * sd_gradient
+        return value, pullback(by_mean, by_sd)
 
     return acquisition

@@ -59,11 +59,11 @@ class Scbo(Optimizer):
         count = max(self.settings.candidate_count(self.space.dimension), n)
         candidates = box_candidates(centre, np.array(0.5 * self._region.length), count, self.rng)
         objective = self._warm.process("objective", x, local.objective, TRUST_REGION)
-        scores = objective.paths(candidates, n, self.rng)
+        scores = objective.paths(candidates, n, self.rng, centre)
         violation = np.zeros_like(scores)
         for j, margin in enumerate(self._margins(local).T):
             constraint = self._warm.process(f"safety{j}", x, bilog(margin), TRUST_REGION)
-            violation += np.maximum(0.0, -constraint.paths(candidates, n, self.rng))
+            violation += np.maximum(0.0, -constraint.paths(candidates, n, self.rng, centre))
         chosen = distinct_maxima(feasible_first(scores, violation))
         return Proposal(candidates[chosen], trust_region_length=self._region.length)
 

@@ -56,7 +56,7 @@ class Turbo(Optimizer):
         centre = np.clip(x[np.argmax(y)], 0.0, 1.0)
         count = self.settings.candidate_count(self.space.dimension)
         candidates = box_candidates(centre, half, max(count, n), self.rng)
-        chosen = distinct_maxima(process.paths(candidates, n, self.rng))
+        chosen = distinct_maxima(process.paths(candidates, n, self.rng, centre))
         return Proposal(points=candidates[chosen], trust_region_length=self._region.length)
 
     def finish_round(self, trials: Trials) -> None:
