@@ -32,10 +32,10 @@ from hdsafebo.report.sections.experiments import (
     ablation_section,
     compared,
     digits_section,
-    hand_section,
     stimulation_section,
     synthetic_section,
 )
+from hdsafebo.report.sections.hand import hand_section
 from hdsafebo.report.series import METRICS
 from hdsafebo.report.tables import Cell, Table
 

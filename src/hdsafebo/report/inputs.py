@@ -15,6 +15,7 @@ from pyarrow import ArrowException
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.report.hand_inputs import HandInputs, read_hand
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -93,6 +94,7 @@ class Inputs:
     stimulation: Stimulation | None
     traversal: Traversal | None
     field_map: tuple[NDArray[np.float64], str] | None
+    hand: HandInputs
     hand_frames: list[Frame]
     spinal_frames: list[Frame]
 
@@ -189,6 +191,7 @@ def read_inputs(
         stimulation=read_stimulation(root, safety_threshold),
         traversal=read_traversal(root),
         field_map=field_map,
+        hand=read_hand(root),
         hand_frames=read_frames(root / HAND_FRAMES),
         spinal_frames=read_frames(root / SPINAL_FRAMES),
     )

@@ -1,4 +1,4 @@
-"""Sections of the tasks: synthetic functions, hand, stimulation, digits, and the ablations."""
+"""Sections of the tasks: synthetic functions, stimulation, digits, and the ablations."""
 
 from __future__ import annotations
 
@@ -7,12 +7,7 @@ import pandas as pd
 from hdsafebo.report.claims.hand import beta_methods
 from hdsafebo.report.figures.ablation import beta_figure
 from hdsafebo.report.figures.curves import curve_figures, final_figure, single_curve_figure
-from hdsafebo.report.figures.inputs import (
-    field_map_figure,
-    learning_figure,
-    selectivity_figure,
-    synergy_figure,
-)
+from hdsafebo.report.figures.inputs import field_map_figure, selectivity_figure
 from hdsafebo.report.formatting import number
 from hdsafebo.report.inputs import Inputs
 from hdsafebo.report.methods import style, task_label
@@ -68,27 +63,6 @@ def synthetic_section(results: Results) -> Section:
     check = closed_form_finding(results)
     blocks = [intro, *task_blocks(results, "synthetic"), *([] if check is None else [check])]
     return Section("synthetic", "Synthetic functions", "Table 1, appendix C.1", blocks)
-
-
-def hand_section(results: Results, inputs: Inputs) -> Section:
-    """Figure 3, the synergies and the training behind them."""
-    intro = Text(
-        "A linear policy turns observations into muscle synergies; the bottle is to be rotated to vertical "
-        "and held. "
-        "Objective: return of an episode. Safety: the landing speed of the bottle."
-    )
-    blocks: list[Block] = [intro, *inputs.hand_frames, *task_blocks(results, "hand")]
-    variance = inputs.variance
-    if variance is None:
-        blocks.append(not_run("Muscle synergies"))
-    else:
-        blocks.append(synergy_figure(variance))
-    blocks.append(
-        not_run("Training of the policy")
-        if inputs.learning_curve is None
-        else learning_figure(inputs.learning_curve)
-    )
-    return Section("hand", "Musculoskeletal hand", "Section 5.2, Figure 3", blocks)
 
 
 def ablation_section(results: Results) -> Section:

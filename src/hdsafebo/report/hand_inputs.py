@@ -1,0 +1,134 @@
+"""What the section on the hand reads besides the columns that all run files share."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import pandas as pd
+import pyarrow.parquet as pq
+from pyarrow import ArrowException
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from hdsafebo.errors import DatasetError
+
+M = TypeVar("M", bound=BaseModel)
+
+DIFFICULTY = "data/synergies/random_policies.json"
+POLICIES = "data/policies"
+RUNS = "data/runs"
+_COLUMNS = ["seed", "trial", "initial", "objective", "safe", "status", "safety_no_drop", "safety_upright"]
+
+
+class Difficulty(BaseModel):
+    """What random policies do (`hand.reference.Difficulty` explains the fields)."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    policies: int
+    dropped: float
+    upright: float
+    safe: float
+    landing_limit: float
+    return_quantiles: list[float]
+    zero_policy_tilt: float
+    zero_policy_upright: bool
+
+
+class Policy(BaseModel):
+    """A policy that was played again.
+
+    Attributes:
+        method: that found it.
+        seed: of the run.
+        objective: its return when it was found.
+        replayed: its return when it was played again from the run file, whose codes have single precision.
+        tilt: mean tilt of the last 20 steps, rad.
+        upright: the bottle ended upright and held by the hand.
+        dropped: it fell.
+        failure: why the simulation failed, or None.
+        picture: file name of the strip of pictures, or None.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    method: str
+    seed: int
+    objective: float
+    replayed: float | None
+    tilt: float | None
+    upright: bool
+    dropped: bool
+    failure: str | None
+    picture: str | None
+
+
+class Policies(BaseModel):
+    """The policies that are shown, the times of their pictures (s), and what is missing to draw them."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    frames_at_s: list[float]
+    missing: str | None
+    policies: list[Policy]
+
+
+@dataclass(frozen=True)
+class HandInputs:
+    """Everything on the hand; what was not made is None or empty.
+
+    Attributes:
+        difficulty: what random policies do.
+        policies: those that were played again.
+        strips: PNG pictures by file name.
+        outcomes: by method, one row per trial: seed, trial, initial, objective, safe, status,
+            safety_no_drop and safety_upright, each at least 0 where the bottle was held, or ended upright;
+            None where a run file does not have them.
+    """
+
+    difficulty: Difficulty | None
+    policies: Policies | None
+    strips: dict[str, bytes]
+    outcomes: dict[str, pd.DataFrame | None]
+
+
+def read_hand(root: Path) -> HandInputs:
+    """Read everything that is there.
+
+    Raises:
+        DatasetError: a file is there but malformed.
+    """
+    folder = root / POLICIES
+    return HandInputs(
+        difficulty=_read(root / DIFFICULTY, Difficulty),
+        policies=_read(folder / "policies.json", Policies),
+        strips={path.name: path.read_bytes() for path in sorted(folder.glob("*.png"))},
+        outcomes={
+            path.stem.removeprefix("hand-"): _outcomes(path)
+            for path in sorted((root / RUNS).glob("hand-*.parquet"))
+        },
+    )
+
+
+def _read(path: Path, model: type[M]) -> M | None:
+    if not path.exists():
+        return None
+    try:
+        return model.model_validate(json.loads(path.read_text(encoding="utf-8")))
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise DatasetError(f"{path}: {'.'.join(map(str, fault['loc']))}: {fault['msg']}") from None
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{path}: cannot be read as JSON: {error}") from error
+
+
+def _outcomes(path: Path) -> pd.DataFrame | None:
+    try:
+        with pq.ParquetFile(path) as file:
+            if not set(_COLUMNS) <= set(file.schema_arrow.names):
+                return None
+            return file.read(columns=_COLUMNS).to_pandas()
+    except (OSError, ArrowException) as error:
+        raise DatasetError(f"{path}: cannot be read as parquet: {error}") from error
