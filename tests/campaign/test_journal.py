@@ -131,6 +131,16 @@ def test_zeros_after_a_power_cut_are_dropped(tmp_path: Path) -> None:
     assert path.read_bytes() == content
 
 
+@pytest.mark.parametrize("foreign", [b"\x80\x04K\x01.", b"[1, 2", b"PK\x03\x04", b"0123 5", bytes(9) + b"a"])
+def test_a_foreign_file_is_no_incomplete_line(tmp_path: Path, foreign: bytes) -> None:
+    path = tmp_path / "log"
+    for content in (foreign, filled(path) + foreign):
+        path.write_bytes(content)
+        with pytest.raises(JournalError, match=r"damaged after [06] good records"):
+            Journal(path)
+        assert path.read_bytes() == content
+
+
 def test_every_flipped_bit_is_noticed(tmp_path: Path) -> None:
     path = tmp_path / "log"
     content = filled(path)

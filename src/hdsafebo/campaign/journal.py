@@ -16,6 +16,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -24,6 +25,7 @@ from hdsafebo.errors import JournalError
 
 _DIGEST_LENGTH = 64
 _START = "0" * _DIGEST_LENGTH
+_BEGINNING = re.compile(rb"[0-9a-f]{0,63}|[0-9a-f]{64}( [^\n]*)?")
 
 
 class Journal:
@@ -137,23 +139,29 @@ class Journal:
         except ValueError:  # not UTF-8, or too few parts
             good = False
         if not good:
-            raise JournalError(
-                f"{self.path}: damaged after {len(self._digests)} good records (byte {self._end}); "
-                f"restore the file from a copy, or remove {self.path.parent} to compute the run again"
-            )
+            raise self._damaged()
         self._accept(key, text, digest, len(line) + 1)
 
     def _drop_torn(self, tail: bytes) -> None:
         """Remove a line that a killed process left incomplete: it was never acknowledged.
 
-        A whole record with a wrong last byte is damage, not an incomplete write.
+        What cannot be the beginning of a record is damage, or another file, and so is a whole record with
+        a wrong last byte. A power cut may leave zeros in the place of what was not written yet.
         """
+        if not _BEGINNING.fullmatch(tail.rstrip(b"\0")):
+            raise self._damaged()
         with suppress(ValueError):
             digest, key, text = tail[:-1].decode().split(" ", 2)
             if digest == _chain(self._digest, key, text):
                 self._read(tail)
         os.ftruncate(self._file, self._end)
         os.fsync(self._file)
+
+    def _damaged(self) -> JournalError:
+        return JournalError(
+            f"{self.path}: damaged after {len(self._digests)} good records (byte {self._end}); "
+            f"restore the file from a copy, or remove {self.path.parent} to compute the run again"
+        )
 
     def _accept(self, key: str, text: str, digest: str, length: int) -> None:
         self._digests[key] = _sha256(text)
