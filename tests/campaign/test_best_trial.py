@@ -13,7 +13,7 @@ import pytest
 from hdsafebo.campaign.best_trial import best_trial
 from hdsafebo.errors import DatasetError
 
-ROWS = {
+ROWS: dict[str, list] = {
     "seed": [7, 7, 7, 8, 8, 8, 8],
     "trial": [0, 1, 2, 0, 1, 2, 3],
     "initial": [True, False, False, True, False, False, False],
@@ -24,7 +24,7 @@ ROWS = {
 }
 
 
-def write(path: Path, **changed: list[bool]) -> Path:
+def write(path: Path, **changed: list) -> Path:
     metadata = {b"hdsafebo": json.dumps({"method": "sobol", "space": "latent"}).encode()}
     pq.write_table(pa.table(ROWS | changed).replace_schema_metadata(metadata), path)
     return path
