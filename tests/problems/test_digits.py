@@ -117,3 +117,26 @@ def test_objective_is_normalised_by_the_best_valid_image(predictor: DigitPredict
     assert result.objective[safe].max() == pytest.approx(1.0)
     brighter = problem.evaluate(Trials.pending(x + 10.0, x, 1))
     assert brighter.objective.max() == pytest.approx(64 / problem.best_image_sum)
+
+
+def test_initial_trials_are_what_the_searched_space_shows(predictor: DigitPredictor) -> None:
+    images = load_digit_images("sklearn")
+    plain = ThickDigit(4, images, predictor, temperature=2.0, threshold=0.5)
+    dimmed = ThickDigit(4, images, predictor, temperature=2.0, threshold=0.5, shown=lambda x: 0.5 * x)
+    x, _ = plain.initial(20, np.random.default_rng(3))
+    shown, candidate = dimmed.initial(20, np.random.default_rng(3))
+    np.testing.assert_array_equal(shown, 0.5 * x)
+    assert (candidate == -1).all()
+    assert dimmed.best_image_sum == plain.best_image_sum  # the data set normalises, not what is shown of it
+
+
+def test_log_odds_keep_the_order_and_the_threshold(predictor: DigitPredictor) -> None:
+    images = load_digit_images("sklearn")
+    problem = ThickDigit(4, images, predictor, temperature=2.0, threshold=0.5, log_odds=True)
+    transform = problem.safety[0].transform
+    assert transform is not None
+    p = np.array([0.0, 1e-3, 0.5, 0.9, 1.0])
+    np.testing.assert_allclose(transform(p)[1:4], np.log(p[1:4] / (1 - p[1:4])), atol=1e-15)
+    assert np.isfinite(transform(p)).all()
+    assert (np.diff(transform(p)) > 0).all()
+    assert problem.is_safe(problem.evaluate(Trials.pending(problem.images, problem.images, 1)).safety).any()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from hdsafebo.problems.registry import Codec, Task
 
 PREDICTOR_FILE = "models/digits/predictor.safetensors"
 EMBEDDING_FILE = "models/digits/embedding.safetensors"
+_LEAST_PROBABILITY = 1e-6  # below it, and above its complement, odds are all one to the model
 
 
 class ThickDigit(Problem):
@@ -28,6 +30,10 @@ class ThickDigit(Problem):
         predictor: gives the probability.
         temperature: of the softmax.
         threshold: least probability of a safe image.
+        shown: (n, D) images to what the searched space can show of them. A code has the values of the image
+            that it decodes to; with those of the image that it encodes, which is brighter, the initial data
+            would mislead every model. None shows images as they are.
+        log_odds: the logarithm of the odds is modelled, which does not saturate as the probability does.
 
     Raises:
         DatasetError: no image of the digit is recognised.
@@ -43,24 +49,29 @@ class ThickDigit(Problem):
         *,
         temperature: float,
         threshold: float,
+        shown: Callable[[FloatArray], FloatArray] | None = None,
+        log_odds: bool = False,
     ) -> None:
         self.name = f"digits_{digit}"
         self.digit = digit
         self.predictor = predictor
         self.temperature = temperature
         self.bounds = np.vstack([np.zeros(images.side**2), np.ones(images.side**2)])
-        self.safety = (Safety("recognition_probability", threshold),)
+        transform = _log_odds if log_odds else None
+        self.safety = (Safety("recognition_probability", threshold, transform=transform),)
         self.images = images.pixels[images.labels == digit]
+        self._shown = shown
         recognised = self._probability(self.images) >= threshold
         if not recognised.any():
             raise DatasetError(f"no image of digit {digit} is recognised with probability >= {threshold}")
         self.best_image_sum = float(self.images[recognised].sum(axis=1).max())
 
     def initial(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
-        """n different images of the digit."""
+        """Different images of the digit, as the searched space shows them."""
         if n > len(self.images):
             raise DatasetError(f"{self.name}: {n} initial images asked for, the set has {len(self.images)}")
-        return self.images[rng.choice(len(self.images), n, replace=False)], np.full(n, -1)
+        images = self.images[rng.choice(len(self.images), n, replace=False)]
+        return images if self._shown is None else self._shown(images), np.full(n, -1)
 
     def evaluate(self, trials: Trials) -> Evaluation:
         """Intensities outside [0, 1] cannot be shown, so images are clipped."""
@@ -75,22 +86,32 @@ def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) 
     """The task of a digit; see `problems.registry.make_task`."""
     settings = params.tasks.digits.problem
     images = load_digit_images(params.digits.source, params.digits.folder_path(root))
-    problem = ThickDigit(
-        int(name.rsplit("_", 1)[1]),
-        images,
-        DigitPredictor.load(root / PREDICTOR_FILE),
-        temperature=settings.temperature,
-        threshold=settings.threshold,
-    )
     embedding = load_embedding(root / EMBEDDING_FILE, input_dim=images.pixels.shape[1])
     codes = embedding.encode(images.pixels)
 
     def latent(initial_inputs: FloatArray) -> Codec:
         return embedding
 
+    def shown(pixels: FloatArray) -> FloatArray:
+        return np.clip(embedding.decode(embedding.encode(pixels)), 0.0, 1.0)
+
+    problem = ThickDigit(
+        int(name.rsplit("_", 1)[1]),
+        images,
+        DigitPredictor.load(root / PREDICTOR_FILE),
+        temperature=settings.temperature,
+        threshold=settings.threshold,
+        shown=shown,
+        log_odds=method.startswith("hdsafebo_local"),
+    )
     return Task(
         problem,
         latent,
         inputs=(PREDICTOR_FILE, EMBEDDING_FILE),
         latent_bounds=np.vstack([codes.min(axis=0), codes.max(axis=0)]),
     )
+
+
+def _log_odds(probability: FloatArray) -> FloatArray:
+    p = np.clip(probability, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY)
+    return np.asarray(np.log(p / (1.0 - p)))
