@@ -11,7 +11,7 @@ import pytest
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.problem import Trials, check_problem
-from hdsafebo.problems.stimulation import SelectiveStimulation, StimulationSet, read_target
+from hdsafebo.problems.stimulation import SelectiveStimulation, StimulationSet, log_responses, read_target
 from hdsafebo.spinal.configurations import CONFIGURATIONS
 from hdsafebo.spinal.field_map import PIXELS
 
@@ -44,18 +44,25 @@ def test_a_map_is_nearest_to_its_own_row_until_that_is_taken(rows: StimulationSe
     assert len(set(rows.nearest(np.repeat(maps[:1], 4, axis=0), wanted))) == 4
 
 
-def test_features_vary_alike_in_every_direction_and_linear_in_the_log_current(rows: StimulationSet) -> None:
+def test_features_are_logarithms_of_responses_at_unit_mean_squared_distance(rows: StimulationSet) -> None:
     features = rows.features
-    assert features.shape == (CONFIGURATIONS * 10, 25)
-    np.testing.assert_allclose(features[0, :-1], features[9, :-1])
-    np.testing.assert_allclose(np.diff(features[:10, -1]), 0.3 * np.log(CURRENTS[1] / CURRENTS[0]))
-    directions = features[::10, :-1]
-    np.testing.assert_allclose(directions.var(axis=0), 1 / 48)
+    assert features.shape == (CONFIGURATIONS * 10, 84)
+    pairs = np.random.default_rng(3).choice(len(rows), (2, 20_000))
+    squared = ((features[pairs[0]] - features[pairs[1]]) ** 2).sum(axis=1)
+    assert squared.mean() == pytest.approx(1.0, abs=0.02)
+    unit = np.array([[1.0, 4.0], [1.0, 4.0]])
+    by_hand = np.log(0.5 * 2.5 + np.array([[0.5, 2.0], [1.0, 4.0]] * 2))
+    by_hand -= by_hand.mean(axis=0)
+    by_hand /= np.sqrt(2 * by_hand.var(axis=0).sum())
+    np.testing.assert_allclose(log_responses(unit, np.array([0.5, 1.0])), by_hand)
 
 
 def test_the_weakest_rows_have_the_lowest_current(rows: StimulationSet) -> None:
-    assert len(rows.weakest()) == CONFIGURATIONS
-    assert (rows.features[rows.weakest(), -1] == rows.features[:, -1].min()).all()
+    weakest = rows.weakest()
+    assert len(weakest) == CONFIGURATIONS
+    few = weakest[::500]
+    np.testing.assert_allclose(rows.inputs(few), 1 + CURRENTS[0] / 5 * rows.unit[::500])
+    assert (rows.features[few + 1] > rows.features[few]).all()
 
 
 def test_evaluation_looks_rows_up(

@@ -21,11 +21,10 @@ from hdsafebo.problems.registry import Codec, Task
 from hdsafebo.spinal.configurations import CONFIGURATIONS, enumerate_configurations
 from hdsafebo.spinal.field_map import PIXELS, REFERENCE_CURRENT_MA, field_maps, unit_potentials
 from hdsafebo.spinal.nearest import NearestMap
+from hdsafebo.spinal.point_sources import unit_responses
 
 DATASET_FILE = "data/spinal/stimulation.parquet"
 MUSCLES = {"il": "IL", "vlrf": "VL&RF", "ta": "TA", "bfgm": "BF&GM", "st": "ST", "ga": "GA"}
-_DIRECTIONS = 24  # principal directions of the unit potentials that the kernel sees
-_CURRENT_WEIGHT = 0.3  # of the log current beside them: with both, the kernel sees direction and strength
 _LOG_OFFSET = 0.005  # keeps the logarithm of a safety value of 0 finite
 
 
@@ -38,9 +37,8 @@ class StimulationSet:
     Attributes:
         unit: (21800, 728) unit potentials.
         currents_ma: (K,) currents.
-        features: (21800 K, 25) inputs of the kernel: unit potentials in principal directions, scaled to the
-            same variance each, and the log current. Maps of low current all meet at the origin although
-            the selectivity depends on direction, so distances between maps say less.
+        features: (21800 K, 84) inputs of the kernel, see `log_responses`. Maps of low current all meet at the
+            origin although the selectivity depends on direction, so distances between maps say less.
     """
 
     unit: FloatArray
@@ -51,8 +49,10 @@ class StimulationSet:
     @classmethod
     def build(cls, currents_ma: FloatArray) -> StimulationSet:
         """The set of all configurations at the given currents."""
-        unit = unit_potentials(enumerate_configurations())
-        return cls(unit, currents_ma, _features(unit, currents_ma), NearestMap(unit, currents_ma))
+        polarity = enumerate_configurations()
+        unit = unit_potentials(polarity)
+        features = log_responses(unit_responses(polarity), currents_ma)
+        return cls(unit, currents_ma, features, NearestMap(unit, currents_ma))
 
     def __len__(self) -> int:
         return len(self.features)
@@ -169,14 +169,24 @@ def read_target(path: Path, muscle: str, side: str) -> tuple[FloatArray, FloatAr
     return currents, selectivity, safety
 
 
-def _features(unit: FloatArray, currents_ma: FloatArray) -> FloatArray:
-    """Directions of equal variance, of a mean squared distance of one, beside the weighted log current."""
-    _, vectors = np.linalg.eigh(unit.T @ unit)
-    directions = unit @ vectors[:, ::-1][:, :_DIRECTIONS]
-    directions /= directions.std(axis=0)
-    directions /= np.sqrt(2.0 * directions.var(axis=0).sum())
-    level = _CURRENT_WEIGHT * np.log(currents_ma / currents_ma[0])
-    return np.column_stack([np.repeat(directions, len(currents_ma), axis=0), np.tile(level, len(unit))])
+def log_responses(unit: FloatArray, currents_ma: FloatArray) -> FloatArray:
+    """Logarithms of the responses of axons to every configuration at every current, as kernel inputs.
+
+    Activation is a matter of ratios: twice the current moves all logarithms alike, and where the responses
+    are strong shows in their differences. Those well below the median at the weakest current hardly count.
+
+    Args:
+        unit: (n, p) responses at 1 mA, see `spinal.point_sources`.
+        currents_ma: (K,) currents, increasing.
+
+    Returns:
+        (n K, p) features of mean zero and of a mean squared distance of one.
+    """
+    floor = currents_ma[0] * np.median(unit)
+    features = np.log(floor + currents_ma[:, None] * unit[:, None]).reshape(-1, unit.shape[1])
+    features -= features.mean(axis=0)
+    features /= np.sqrt(2.0 * features.var(axis=0).sum())
+    return np.asarray(features)
 
 
 def _log_transform(g: FloatArray) -> FloatArray:
