@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hdsafebo.errors import ParamsError, UnknownNameError
 from hdsafebo.params import parse_params
+from hdsafebo.params.yaml_file import read_mapping
+from hdsafebo.writing import replacing
+
+if TYPE_CHECKING:
+    from ruamel.yaml import YAML
 
 STANDARD = "standard"
 
@@ -21,7 +26,7 @@ def profile_text(root: Path, name: str) -> str:
 
     Raises:
         UnknownNameError: there is no such profile; the message lists the names.
-        ParamsError: the result is not valid.
+        ParamsError: a profile cannot be read, or the result is not valid.
     """
     import io
 
@@ -32,9 +37,9 @@ def profile_text(root: Path, name: str) -> str:
     yaml = YAML()
     yaml.width = 110
     yaml.preserve_quotes = True
-    merged = yaml.load((root / "profiles" / f"{STANDARD}.yaml").read_text(encoding="utf-8"))
+    merged = _with_comments(yaml, root / "profiles" / f"{STANDARD}.yaml")
     if name != STANDARD:
-        _merge(merged, yaml.load((root / "profiles" / f"{name}.yaml").read_text(encoding="utf-8")) or {})
+        _merge(merged, _with_comments(yaml, root / "profiles" / f"{name}.yaml"))
     merged["profile"] = name
     buffer = io.StringIO()
     yaml.dump(merged, buffer)
@@ -56,20 +61,35 @@ def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
 
     Raises:
         ParamsError: `params.yaml` differs from every profile, so that changes would be lost.
+        WriteError: it cannot be written; it is still as it was.
     """
     target = root / "params.yaml"
     text = profile_text(root, name)
     if target.exists():
-        present = target.read_text(encoding="utf-8")
-        if present == text:
+        present = target.read_bytes()
+        if present == text.encode():
             return False
-        if not force and all(present != profile_text(root, other) for other in profile_names(root)):
+        if not force and all(present != profile_text(root, n).encode() for n in profile_names(root)):
             raise ParamsError(
                 f"params.yaml was edited and matches none of the profiles {', '.join(profile_names(root))}; "
                 f"keep a copy, then run: hdsafebo profile {name} --force"
             )
-    target.write_text(text, encoding="utf-8")
+    with replacing(target) as temporary:
+        temporary.write_bytes(text.encode())
     return True
+
+
+def _with_comments(yaml: YAML, path: Path) -> Any:
+    """A profile as ruamel holds it, with comments and formats, once it is known to be plain data."""
+    from ruamel.yaml import YAMLError
+
+    read_mapping(path, ParamsError)
+    try:
+        return yaml.load(path.read_bytes())
+    except (YAMLError, ValueError) as error:  # it reads YAML 1.2, where a few things differ
+        raise ParamsError(
+            f"{path}: cannot be read as YAML 1.2: {' '.join(str(error).split())[:300]}"
+        ) from None
 
 
 def _merge(base: Any, changes: Any) -> None:

@@ -15,6 +15,7 @@ from pyarrow import ArrowException
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.parquet_file import read_parquet
 from hdsafebo.report.hand_inputs import HandInputs, read_hand
 
 M = TypeVar("M", bound=BaseModel)
@@ -202,7 +203,7 @@ def _json(path: Path) -> Any:
         return None
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path}: cannot be read as JSON: {error}") from error
 
 
@@ -214,12 +215,7 @@ def _schema(path: Path) -> list[str]:
 
 
 def _parquet(path: Path, columns: list[str]) -> pd.DataFrame | None:
-    if not path.exists():
-        return None
-    missing = [c for c in columns if c not in _schema(path)]
-    if missing:
-        raise DatasetError(f"{path}: columns {missing} are missing; expected {columns}")
-    return pq.ParquetFile(path).read(columns=columns).to_pandas()
+    return read_parquet(path, str(path), DatasetError, columns).to_pandas() if path.exists() else None
 
 
 def _validated(path: Path, model: type[M], data: Any) -> M:

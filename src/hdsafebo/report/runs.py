@@ -9,11 +9,10 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
-from pyarrow import ArrowException
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.parquet_file import read_parquet
 
 METADATA_KEY = b"hdsafebo"
 _INTEGERS = ("seed", "trial", "round")
@@ -93,17 +92,8 @@ def read_run(path: Path) -> RunFile:
         DatasetError: the file is no parquet, lacks its metadata or a column, repeats a trial, or holds
             values that contradict each other; the message names the file and the fault.
     """
-    try:
-        # Opened as one file: below a directory, pyarrow would read "key=value" parts of the path as columns.
-        with pq.ParquetFile(path) as file:
-            missing = [c for c in _COLUMNS if c not in file.schema_arrow.names]
-            if missing:
-                raise DatasetError(f"{path}: columns {missing} are missing; expected {list(_COLUMNS)}")
-            table = file.read(columns=list(_COLUMNS))
-            raw = (file.schema_arrow.metadata or {}).get(METADATA_KEY)
-    except (OSError, ArrowException) as error:
-        raise DatasetError(f"{path}: cannot be read as parquet: {error}") from error
-    meta = _metadata(path, raw)
+    table = read_parquet(path, str(path), DatasetError, _COLUMNS)
+    meta = _metadata(path, (table.schema.metadata or {}).get(METADATA_KEY))
     trials = _typed(path, table.to_pandas())
     _check(path, meta, trials)
     return RunFile(meta, trials.sort_values(["seed", "trial"], ignore_index=True))
@@ -125,7 +115,7 @@ def _metadata(path: Path, raw: bytes | None) -> RunMeta:
     except ValidationError as error:
         faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         raise DatasetError(f"{path}: metadata: {faults}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DatasetError(f"{path}: metadata is no JSON: {error}") from error
     if path.stem != f"{meta.task}-{meta.method}":
         raise DatasetError(
