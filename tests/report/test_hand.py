@@ -122,7 +122,7 @@ def test_section_tells_difficulty_policies_and_who_is_upright(tmp_path: Path) ->
     assert "34 % drop the bottle" in told
     assert "2.5 % end upright" in told
     assert "does not end upright (tilt 2.86 rad)" in told
-    assert "Short walks of Gaussian steps were looked at as well" in told
+    assert "walks of 300 Gaussian steps" in told
     assert "HdSafeBO-local models `no_drop`" in told
     assert "not in the run files of Sobol" in told
     strips = [block for block in found if isinstance(block, Frame)]
