@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from hdsafebo.campaign.provenance import git_state
+from hdsafebo.params import Params
 from hdsafebo.report.build import build_report
 from hdsafebo.report.results import Settings
 from hdsafebo.spinal.field_map import COLUMNS, CONTACTS, ROWS, field_maps, unit_potentials
@@ -28,12 +29,21 @@ def main(stage: Stage) -> None:
         profile=stage.params.profile,
         git_revision=None if revision is None else revision[0],
         safety_threshold=threshold,
+        planned=_planned(stage.params),
         settings=Settings(**stage.params.report.model_dump()),
         field_map=_example(stage.path(STIMULATION), threshold),
     )
     stage.log_metrics(_flat(content))
     for name in ("index.html", "summary.json", "figures", "tables"):
         stage.log_artifact(stage.path(f"reports/{name}"))
+
+
+def _planned(params: Params) -> list[tuple[str, str]]:
+    """Every task and method that the parameters run."""
+    tasks = params.tasks
+    methods = {"synthetic": tasks.synthetic.methods, "hand": tasks.hand.methods}
+    methods |= {name: family.methods for family in (tasks.scs, tasks.digits) for name in family.tasks}
+    return [(task, method) for task, names in methods.items() for method in names]
 
 
 def _example(path: Path, threshold: float) -> tuple[NDArray[np.float64], str] | None:

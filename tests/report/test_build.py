@@ -127,6 +127,23 @@ def test_same_files_same_bytes(small: Path) -> None:
     assert content() == before
 
 
+def test_runs_that_the_parameters_do_not_name_are_left_out_and_listed(tmp_path: Path) -> None:
+    write_everything(tmp_path, seeds_divided_by=10, only=(("scs_st",), ("hdsafebo", "scbo", "sobol")))
+    (tmp_path / "data/runs/scs_ga-cei.parquet").write_bytes(b"of no concern")
+    summary = build_report(
+        tmp_path,
+        profile="test",
+        git_revision=None,
+        safety_threshold=0.05,
+        planned=[("scs_st", "hdsafebo"), ("scs_st", "sobol"), ("hand", "sobol")],
+        settings=QUICK,
+    )
+    assert sorted(summary["scs_st"]) == ["hdsafebo", "sobol"]
+    text = page(tmp_path)
+    assert "do not name their task and method: scs_ga-cei.parquet, scs_st-scbo.parquet." in text
+    assert "scbo" not in (tmp_path / "reports/tables/metrics_scs_st.csv").read_text()
+
+
 def test_nothing_was_run(tmp_path: Path) -> None:
     summary = build_report(
         tmp_path, profile="smoke", git_revision=None, safety_threshold=0.05, settings=QUICK

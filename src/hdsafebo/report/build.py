@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,8 @@ from hdsafebo.report.methods import style, task_label
 from hdsafebo.report.metrics import METRIC_LABELS
 from hdsafebo.report.outputs import curve_table, summary, write_summary
 from hdsafebo.report.page import Overview, render
+from hdsafebo.report.planned import read_planned
 from hdsafebo.report.results import Results, Settings
-from hdsafebo.report.runs import read_runs
 from hdsafebo.report.sections.assessment import (
     clinical_section,
     embedding_section,
@@ -48,6 +49,7 @@ def build_report(
     profile: str,
     git_revision: str | None,
     safety_threshold: float,
+    planned: Collection[tuple[str, str]] | None = None,
     settings: Settings | None = None,
     field_map: tuple[NDArray[np.float64], str] | None = None,
     output: Path | None = None,
@@ -59,6 +61,7 @@ def build_report(
         profile: sizes of the run.
         git_revision: of the code; None outside a repository.
         safety_threshold: g from which a stimulation is safe.
+        planned: tasks and methods whose runs are reported; None takes every run file.
         settings: how uncertainty is stated.
         field_map: an example of a field map (52, 14) and the name of its parameters.
         output: folder of the report; None takes `root/reports`.
@@ -69,7 +72,8 @@ def build_report(
     Raises:
         DatasetError: a result file is malformed.
     """
-    results = Results(read_runs(root / RUNS), settings or Settings())
+    runs, left_out = read_planned(root / RUNS, planned)
+    results = Results(runs, settings or Settings())
     inputs = read_inputs(root, safety_threshold=safety_threshold, field_map=field_map)
     claims = paper_claims(results, inputs.isometry, inputs.stimulation)
     leaders = _leaders(results)
@@ -77,7 +81,7 @@ def build_report(
     folder = root / "reports" if output is None else output
     for name in ("figures", "tables", "curves"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    page = render(Overview(profile, git_revision, claims, leaders), sections, folder / "figures")
+    page = render(Overview(profile, git_revision, claims, leaders, left_out), sections, folder / "figures")
     (folder / "index.html").write_text(page, encoding="utf-8")
     for table in [leaders, _claim_table(claims), *_tables(sections)]:
         table.write(folder / "tables")

@@ -29,12 +29,14 @@ class Overview:
         git_revision: of the code; None outside a repository.
         claims: of the paper, with verdicts.
         leaders: the best method per task.
+        left_out: run files that are there but not part of the report.
     """
 
     profile: str
     git_revision: str | None
     claims: list[Claim]
     leaders: Table
+    left_out: list[str]
 
 
 def render(overview: Overview, sections: list[Section], figures: Path) -> str:
