@@ -22,6 +22,10 @@ NAMES = [
     if name != "random_lowest"
 ]
 OWN_START = {"sobol", "turbo", "hesbo", "baxus", "cmaes", "cmaes_centre", "random_lowest"}
+SAFE_SET = {"hdsafebo", "hdsafebo_local", "linebo", "config", "safeopt"}
+"""The methods that filter by a safe set."""
+ABSTAIN = SAFE_SET | {"cei_prob", "cei", "cmaes", "local_random"}
+"""The methods that refuse, if told so, to go on without a safe point."""
 SMALL = {
     "hdsafebo": {"candidates": 200},
     "linebo": {"candidates": 50},
@@ -178,6 +182,62 @@ def test_bad_results_are_refused_and_nothing_is_lost(name: str) -> None:
         optimizer.tell(trials, objective + 1.0, safety)
     np.testing.assert_array_equal(optimizer.trials.objective[trials.id], objective)
     assert len(advance(optimizer, 3)) == 3
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_unknown_and_repeated_trials(name: str) -> None:
+    optimizer = make(name, bowl_problem())
+    trials = optimizer.ask(3)
+    objective, safety = optimizer.problem.function(trials.x)
+    with pytest.raises(TrialError, match="unknown trials"):
+        optimizer.tell([len(optimizer.trials)], [0.0], [0.0])
+    first = int(trials.id[0])
+    with pytest.raises(TrialError, match="first result stays"):
+        optimizer.tell([first, first], [0.0, 1.0], [0.0, 0.0])
+    assert not optimizer.trials[trials.id].completed.any()
+    optimizer.tell([first, first], objective[[0, 0]], safety[[0, 0]])
+    optimizer.tell(trials, objective, safety)
+    state = optimizer.rng.bit_generator.state
+    optimizer.tell(trials, objective, safety)
+    assert optimizer.rng.bit_generator.state == state
+    np.testing.assert_array_equal(optimizer.trials.objective[trials.id], objective)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_box_without_width(name: str) -> None:
+    problem = bowl_problem()
+    problem.bounds[:] = 0.4
+    with pytest.raises(ProblemError, match="zero width in all 4 dimensions"):
+        make_optimizer(name, problem)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_initial_point_meets_the_threshold(name: str) -> None:
+    """The methods that start from a safe point abstain if told so, and lose nothing."""
+    optimizer = make(name, bowl_problem(threshold=10.0), empty_safe_set="abstain")
+    known, state = len(optimizer.trials), optimizer.rng.bit_generator.state
+    if name in ABSTAIN:
+        with pytest.raises(NoSafePointError, match="none of"):
+            optimizer.ask(3)
+        assert len(optimizer.trials) == known
+        assert optimizer.rng.bit_generator.state == state
+    else:
+        assert len(optimizer.ask(3)) == 3
+
+
+@pytest.mark.parametrize("name", ["config", "linebo", "safeopt"])  # test_bad_input.py has the other two
+def test_batch_larger_than_the_safe_candidates(name: str) -> None:
+    """What is missing is marked, or left out; the trials that are believed safe are the same ones."""
+    problem = bowl_problem(threshold=0.15)
+    marking, abstaining = (
+        make(name, problem, beta=-4.0, empty_safe_set=policy, initial=40) for policy in ("mark", "abstain")
+    )
+    (count,) = SMALL[name].values()  # as many trials as there are candidates
+    trials = marking.ask(count)
+    assert len(trials) == count
+    safe = ~trials.marked_unsafe
+    assert 0 < safe.sum() < count
+    np.testing.assert_array_equal(abstaining.ask(count).x, trials.x[safe])
 
 
 @pytest.mark.parametrize("name", NAMES)
