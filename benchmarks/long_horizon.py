@@ -139,7 +139,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--most", type=int, default=500, help="max_fitted_trials (default: 500)")
+    parser.add_argument("--most", type=int, default=200, help="max_fitted_trials (default: 200)")
     parser.add_argument("--trials", type=int, default=10_000, help="of the long run (default: 10000)")
     parser.add_argument(
         "--early", type=int, default=1_000, help="when rounds are timed first (default: 1000)"

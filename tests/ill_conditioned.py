@@ -20,7 +20,7 @@ def hard_inputs(rng: np.random.Generator, n: int, p: int, kind: str) -> FloatArr
     elif kind == "cluster":
         x = x[[0]] + 10.0 ** rng.uniform(-16, -4) * x
     elif kind == "scaled":
-        x = x * 10.0 ** rng.uniform(-100, 100)
+        x = x * 10.0 ** rng.uniform(-20, 100)
     elif kind == "outlier":
         x[rng.integers(n)] = 1e12
     elif kind == "condition":

@@ -58,7 +58,7 @@ def run_case(seed: int) -> Counter[str]:
     x = hard_inputs(rng, n, p, kind)
     objective, safety = (hard_outcomes(rng, x, name) for name in rng.choice(OUTCOMES, 2))
     threshold = np.array([float(rng.choice(safety))])
-    excess = 10.0 ** rng.uniform(-9, 0) if rng.random() < 0.3 else 0.0
+    excess = 10.0 ** rng.uniform(-9, 0) if rng.random() < 0.5 else 0.0
     state: SurrogateState | None = None
     counts: Counter[str] = Counter()
     with Patch.context() as patch:
