@@ -1,10 +1,11 @@
 """Sessions at full size: the simulated month, and the time of a suggestion.
 
-    python benchmarks/session.py month --patients 10      the paper's protocol, simulated (resumable)
-    python benchmarks/session.py suggest                  time of a suggestion with 1,000 trials known
+    python benchmarks/session.py month --replay      the paper's protocol on ten simulated patients
+    python benchmarks/session.py suggest             time of a suggestion with 1,000 trials known
 
 Both need `data/spinal/stimulation.parquet` (stage traverse_stimulation). A month is a session like any other
-and lies in its own directory: started again, it goes on where it ended.
+and lies in its own directory: started again, it goes on where it ended. With `--write` the numbers are
+kept in `reports/reference/benchmarks`, those of the month after each patient.
 """
 
 from __future__ import annotations
@@ -22,11 +23,15 @@ import numpy as np
 from hdsafebo.progress import progress, track
 from hdsafebo.session.audit import replay, verify_session
 from hdsafebo.session.create import create_session
-from hdsafebo.session.month import answer, evaluate_month, run_month, simulated_patient, write_example
+from hdsafebo.session.month import answer, run_month, simulated_patient, write_example
+from hdsafebo.session.month_result import evaluate_month
+from hdsafebo.session.patient import SimulatedPatient
 from hdsafebo.session.responses import MUSCLES, Responses, load_responses
 from hdsafebo.session.session import Session
 from hdsafebo.session.space import Report
 from hdsafebo.session.stimulation_space import CONTACT_COLUMNS, CURRENT_COLUMN
+
+REFERENCE = Path("reports/reference/benchmarks")
 
 
 def main() -> None:
@@ -38,11 +43,11 @@ def main() -> None:
     parser.add_argument(
         "--work", type=Path, default=Path("reports/benchmarks/sessions"), help="directory of the sessions"
     )
-    parser.add_argument("--json", type=Path, help="write the numbers here, too")
+    parser.add_argument("--write", action="store_true", help=f"keep the numbers in {REFERENCE}")
     benchmarks = parser.add_subparsers(required=True, dest="benchmark")
     month = benchmarks.add_parser("month")
     month.add_argument("--patients", type=int, default=10)
-    month.add_argument("--first", type=int, default=0, help="seed of the first patient")
+    month.add_argument("--first", type=int, default=1000, help="seed of the first patient")
     month.add_argument("--trials", type=int, default=504)
     month.add_argument("--replay", action="store_true", help="compute every suggestion of the logs again")
     suggest = benchmarks.add_parser("suggest")
@@ -50,42 +55,47 @@ def main() -> None:
     suggest.add_argument("--suggestions", type=int, default=30)
     arguments = parser.parse_args()
     responses = load_responses(arguments.dataset)
-    result = (
-        _months(arguments, responses) if arguments.benchmark == "month" else _suggest(arguments, responses)
-    )
-    if arguments.json is not None:
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(result, indent=1) + "\n")
+    (_months if arguments.benchmark == "month" else _suggest)(arguments, responses)
 
 
-def _months(arguments: argparse.Namespace, responses: Responses) -> list[dict[str, Any]]:
-    rows = []
-    print("patient  recommended  unsafe  breaches  improved  mean gain")
+def _months(arguments: argparse.Namespace, responses: Responses) -> None:
+    rows: list[dict[str, Any]] = []
+    print("patient  recommended  unsafe  breaches  improved  by measurement  of reachable: before  after")
     for seed in range(arguments.first, arguments.first + arguments.patients):
         session = _session(arguments.work / f"patient{seed}", responses, seed)
         patient = simulated_patient(session, responses, seed)
         with progress(arguments.trials, f"patient {seed}") as advance:
             run_month(session, patient, trials=arguments.trials, on_trial=lambda trial: advance())
-        verdict = verify_session(session)
-        result = evaluate_month(session, patient)
-        gain = float(np.mean([result.final_best[m] / result.initial_best[m] for m in MUSCLES]))
-        row = {
-            "patient": seed,
-            **asdict(result),
-            "improved": result.improved,
-            "mean_gain": gain,
-            "head": verdict.head,
-        }
+        row = _month(session, patient, seed)
         if arguments.replay:
             row["mismatches"] = len(replay(session))
         rows.append(row)
-        columns = f"{seed:7d}  {result.recommended:11d}  {result.unsafe:6d}  {result.breaches:8d}"
-        print(f"{columns}  {result.improved:6d}/8  {gain:9.2f}", flush=True)
         session.close()
-    return rows
+        if arguments.write:
+            _write("session_month.json", {"trials": arguments.trials, "patients": rows})
 
 
-def _suggest(arguments: argparse.Namespace, responses: Responses) -> dict[str, Any]:
+def _month(session: Session, patient: SimulatedPatient, seed: int) -> dict[str, Any]:
+    verdict = verify_session(session)
+    result = evaluate_month(session, patient)
+    shares = {
+        when: float(np.mean([best[m] / result.reachable[m] for m in MUSCLES]))
+        for when, best in (("before", result.initial_best), ("after", result.final_best))
+    }
+    columns = f"{seed:7d}  {result.recommended:11d}  {result.unsafe:6d}  {result.breaches:8d}"
+    columns += f"  {result.improved:6d}/8  {result.improved_highest:12d}/8"
+    print(f"{columns}  {shares['before']:20.3f}  {shares['after']:5.3f}", flush=True)
+    return {
+        "patient": seed,
+        **asdict(result),
+        "improved": result.improved,
+        "improved_highest": result.improved_highest,
+        "share_of_reachable": shares,
+        "head": verdict.head,
+    }
+
+
+def _suggest(arguments: argparse.Namespace, responses: Responses) -> None:
     directory = arguments.work / f"known{arguments.known}"
     session = _session(directory, responses, 0, known=arguments.known)
     patient = simulated_patient(session, responses, 0)
@@ -115,7 +125,13 @@ def _suggest(arguments: argparse.Namespace, responses: Responses) -> dict[str, A
             f"{clock}: median {times['median']:.2f}, worst {times['worst']:.2f}, first {times['first']:.2f}"
         )
     print(f"opening it again: {reopened:.2f} s wall, {reopened_cpu:.2f} s cpu")
-    return result
+    if arguments.write:
+        _write("session_suggest.json", result)
+
+
+def _write(name: str, result: dict[str, Any]) -> None:
+    REFERENCE.mkdir(parents=True, exist_ok=True)
+    (REFERENCE / name).write_text(json.dumps(result, indent=1) + "\n")
 
 
 def _session(directory: Path, responses: Responses, seed: int, known: int | None = None) -> Session:

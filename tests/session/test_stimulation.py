@@ -16,11 +16,10 @@ from hdsafebo.session.emg import selectivity
 from hdsafebo.session.errors import LimitError, ProtocolError, RecordingError
 from hdsafebo.session.month import (
     answer,
-    count_breaches,
-    evaluate_month,
     run_month,
     simulated_patient,
 )
+from hdsafebo.session.month_result import count_breaches, evaluate_month
 from hdsafebo.session.patient import SimulatedPatient
 from hdsafebo.session.responses import Responses
 from hdsafebo.session.session import Session

@@ -24,12 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from hdsafebo.errors import NoSafePointError, ParamsError
+from hdsafebo.errors import NoSafePointError
 from hdsafebo.optimizers.base import Optimizer
-from hdsafebo.optimizers.registry import load_optimizer, make_optimizer
 from hdsafebo.problem import Status, Trials
 from hdsafebo.session.chain import Entry
 from hdsafebo.session.definition import Definition
+from hdsafebo.session.informed import informed_optimiser, results_of
+from hdsafebo.session.methods import load_method
 from hdsafebo.session.search import Search
 from hdsafebo.session.state import Point, State, Trial
 
@@ -92,8 +93,9 @@ class Advisor:
         advisor = cls(definition, search)
         for entry in entries:
             advisor.state.apply(entry)
-        for trial in advisor._known():
-            search.input_of(trial.point)
+        for trial in advisor.state.trials:
+            if trial.status != "running" and trial.delivered:
+                search.input_of(trial.point)
         payload = entries[-1].payload
         advisor._asked = Advice(payload["point"], payload["belief"], before, after)
         advisor._optimiser = advisor._load(after)
@@ -172,68 +174,24 @@ class Advisor:
 
     def _begin(self) -> None:
         """A new optimiser for the target, told all that is known."""
-        space = self._search.space
-        seed = int(
-            np.random.SeedSequence([self._definition.seed, self.state.target_since]).generate_state(1)[0]
+        entropy = np.random.SeedSequence([self._definition.seed, self.state.target_since])
+        self._optimiser = informed_optimiser(
+            self._definition,
+            self._search,
+            self.state.target,
+            int(entropy.generate_state(1)[0]),
+            self.state.trials,
         )
-        settings = {"empty_safe_set": "abstain"} | dict(self._definition.method.settings)
-        self._optimiser = make_optimizer(
-            self._definition.method.name,
-            self._search.problem(self.state.target),
-            embedding=self._search.embedding,
-            bounds=self._search.code_bounds,
-            seed=seed,
-            **settings,
-        )
-        if not self._optimiser.consults_model:
-            name = self._definition.method.name
-            raise ParamsError(f"method.name: {name!r} has no model of safety; expected one that has")
-        known = self._known()
-        if known:
-            inputs = [self._search.input_of(t.point) for t in known]
-            results = [self._results(t) for t in known]
-            self._optimiser.observe(
-                np.vstack([x for x, _ in inputs]),
-                [objective for objective, _, _ in results],
-                np.array([safety for _, safety, _ in results]).reshape(-1, len(space.safety)),
-                status=[status for _, _, status in results],
-                candidate=[row for _, row in inputs],
-                initial=True,
-            )
 
     def _learn(self, trial: Trial) -> None:
         optimiser = self._require()
-        objective, safety, status = self._results(trial)
+        objective, safety, status = results_of(trial, self.state.target, self._search, self.state.trials)
         if trial.origin == "suggested" and trial.suggestion not in self._foreign:
             asked = int(np.flatnonzero(optimiser.trials.status == Status.PENDING)[-1])
             optimiser.tell([asked], [objective], [safety], status=[status])
         elif trial.delivered:
             x, row = self._search.input_of(trial.point)
             optimiser.observe(x, [objective], [safety], status=[status], candidate=[row])
-
-    def _results(self, trial: Trial) -> tuple[float, list[float], Status]:
-        """Objective, safety values and status, as the optimiser is told them.
-
-        A trial that was unsafe and gave no objective (no recording) must still teach that it was unsafe. It
-        is told with the lowest objective seen so far, in the model only: the log keeps that there is none.
-        """
-        space = self._search.space
-        nothing = float("nan"), [float("nan")] * len(space.safety), Status.FAILED
-        if trial.safety is None:
-            return nothing
-        safety = [trial.safety[s.name] for s in space.safety]
-        if trial.outcomes is not None:
-            return trial.outcomes[self.state.target], safety, Status.COMPLETED
-        seen = [
-            t.outcomes[self.state.target] for t in self.state.trials[: trial.number] if t.outcomes is not None
-        ]
-        if space.safe(trial.safety) or not seen:
-            return nothing
-        return min(seen), safety, Status.COMPLETED
-
-    def _known(self) -> list[Trial]:
-        """Trials that have their record, and were delivered."""
-        return [t for t in self.state.trials if t.status != "running" and t.delivered]
 
     def _declined(self) -> np.ndarray:
         """Candidate rows that a person turned down, or that an unsafe trial rules out; for any target."""
@@ -288,7 +246,7 @@ class Advisor:
         with TemporaryDirectory() as folder:
             path = Path(folder) / "optimiser.safetensors"
             path.write_bytes(content)
-            return load_optimizer(self._definition.method.name, path, problem, self._search.embedding)
+            return load_method(self._definition.method.name, path, problem, self._search.embedding)
 
     def _require(self) -> Optimizer:
         assert self._optimiser is not None, "follow the entry `created` first"

@@ -337,7 +337,8 @@ def _patient_respond(arguments: argparse.Namespace) -> None:
 
 def _patient_month(arguments: argparse.Namespace) -> None:
     from hdsafebo.progress import progress
-    from hdsafebo.session.month import evaluate_month, run_month, simulated_patient
+    from hdsafebo.session.month import run_month, simulated_patient
+    from hdsafebo.session.month_result import evaluate_month
     from hdsafebo.session.responses import load_responses
 
     session = _open(arguments)

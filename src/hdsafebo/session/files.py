@@ -19,6 +19,7 @@ from hdsafebo.session.stimulation_space import StimulationSpace
 from hdsafebo.session.store import Store
 from hdsafebo.session.tables import read_table
 
+MAX_BYTES = 2**30  # of an embedding; tables have lower limits of their own
 INITIAL, EMBEDDING, EMBEDDING_CARD, CANDIDATES = "initial", "embedding", "embedding_card", "candidates"
 
 
@@ -44,9 +45,16 @@ def read_files(
     if isinstance(definition, ListDefinition):
         paths[CANDIDATES] = definition_path.parent / definition.candidates
     try:
-        return {role: NamedFile(path.name, path.read_bytes()) for role, path in paths.items()}
+        return {role: NamedFile(path.name, _content(path)) for role, path in paths.items()}
     except OSError as error:
         raise DefinitionError(f"{error.filename}: {error.strerror or error}") from None
+
+
+def _content(path: Path) -> bytes:
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise DefinitionError(f"{path}: {size} bytes, expected at most {MAX_BYTES}")
+    return path.read_bytes()
 
 
 def make_space(definition: Definition) -> Space:

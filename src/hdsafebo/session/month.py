@@ -11,7 +11,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 import yaml
 
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
-from hdsafebo.session.emg import activation, selectivity
+from hdsafebo.session.emg import activation
 from hdsafebo.session.errors import ProtocolError, SessionError
 from hdsafebo.session.patient import RATERS, SCALE, Response, SimulatedPatient
 from hdsafebo.session.recordings import read_recording
@@ -47,7 +46,7 @@ def example_definition(
         "name": name,
         "seed": seed,
         "target": MUSCLES[0],
-        "method": {"name": "hdsafebo_local", "settings": {"alpha": 0.999}},
+        "method": {"name": "hdsafebo_shortlist", "settings": {"alpha": 0.999}},
         "emg": {
             "muscles": list(MUSCLES),
             "rate_hz": 2000.0,
@@ -119,30 +118,6 @@ def initial_table(patient: SimulatedPatient, definition: StimulationDefinition, 
     return stream.getvalue()
 
 
-@dataclass(frozen=True)
-class MonthResult:
-    """What a month came to.
-
-    Attributes:
-        recommended: trials that the optimiser recommended.
-        unsafe: how many of them were rated unsafe.
-        breaches: trials outside the hard limits (none, if the software is right).
-        initial_best, final_best: per muscle, true selectivity of the best safe initial trial and of the best
-            safe trial at the end; "best" is decided by what was measured, as at the bench.
-    """
-
-    recommended: int
-    unsafe: int
-    breaches: int
-    initial_best: dict[str, float]
-    final_best: dict[str, float]
-
-    @property
-    def improved(self) -> int:
-        """Number of muscles whose true selectivity improved."""
-        return sum(self.final_best[m] > self.initial_best[m] for m in self.final_best)
-
-
 def run_month(
     session: Session,
     patient: SimulatedPatient,
@@ -192,43 +167,6 @@ def answer(session: Session, patient: SimulatedPatient) -> tuple[int, Response]:
     number = sum(t.origin != "initial" for t in session.state.trials) - 1
     labels = {"session": session.state.session, "trial": str(running.number)}
     return running.number, patient.respond(running.point, running.number, day_of(number), labels)
-
-
-def evaluate_month(session: Session, patient: SimulatedPatient) -> MonthResult:
-    """Count and compare; the true values come from the patient."""
-    space = session.space
-    done = [t for t in session.state.trials if t.origin != "initial" and t.delivered and t.safety is not None]
-    recommended = [t for t in done if t.origin == "suggested"]
-    initial: dict[str, float] = {}
-    final: dict[str, float] = {}
-    for i, muscle in enumerate(space.targets):
-        for store, among in ((initial, "initial"), (final, "")):
-            best = session.best(muscle, origin=among)
-            store[muscle] = 0.0 if best is None else float(selectivity(patient.activation(best.point))[i])
-    return MonthResult(
-        len(recommended),
-        sum(not space.safe(t.safety or {}) for t in recommended),
-        count_breaches(session),
-        initial,
-        final,
-    )
-
-
-def count_breaches(session: Session) -> int:
-    """Trials of the log that were outside the hard limits when they began."""
-    last: Point | None = None
-    breaches = 0
-    numbers = iter(
-        range(sum(t.origin == "initial" for t in session.state.trials) + 1, len(session.state.trials) + 1)
-    )
-    for entry in session.entries:
-        if entry.kind in ("approved", "modified", "manual"):
-            breaches += bool(session.space.breaches(session.state.trials[next(numbers) - 1].point, last))
-        elif entry.kind == "recorded" and entry.payload["delivered"]:
-            last = session.state.trials[entry.payload["trial"] - 1].point
-        elif entry.kind == "stopped":
-            last = None
-    return breaches
 
 
 def day_of(number: int) -> int:

@@ -19,6 +19,7 @@ from hdsafebo.problem import FloatArray
 from hdsafebo.session.emg import Emg
 from hdsafebo.session.responses import MUSCLES, Responses
 from hdsafebo.session.state import Point
+from hdsafebo.session.stimulator import Polarity
 
 RATERS = ("patient", "therapist")
 SCALE = 10.0
@@ -72,6 +73,12 @@ class SimulatedPatient:
         """Comfort without noise and drift."""
         slack = 1.0 - self._responses.at(point)[1]
         return SCALE * slack / (slack + self._half)
+
+    def truth(self, polarity: Polarity, currents_ma: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """True mu (n, K, 8) and comfort (n, K) of configurations (n, 16) at K currents each."""
+        mu, strongest = self._responses.table(polarity, currents_ma)
+        slack = 1.0 - strongest
+        return mu * self._gain, SCALE * slack / (slack + self._half)
 
     def respond(self, point: Point, trial: int, day: int, labels: dict[str, str]) -> Response:
         """The response to a trial.

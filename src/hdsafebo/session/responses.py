@@ -11,7 +11,7 @@ from hdsafebo.errors import DatasetError
 from hdsafebo.problem import FloatArray
 from hdsafebo.session.state import Point
 from hdsafebo.session.stimulation_space import CURRENT_COLUMN
-from hdsafebo.session.stimulator import CONTACTS
+from hdsafebo.session.stimulator import CONTACTS, Polarity
 
 # the clinical muscle groups of the paper and the model's that stand for them
 MODEL_GROUPS = {"IL": "IL", "RF": "VL&RF", "TA": "TA", "BF": "BF&GM"}
@@ -43,19 +43,29 @@ class Responses:
         Raises:
             DatasetError: the configuration is not in the table.
         """
-        row = self.index.get(tuple(point["polarity"]))
-        if row is None:
+        mu, strongest = self.table(np.array([point["polarity"]]), np.array([float(point[CURRENT_COLUMN])]))
+        return mu[0, 0], float(strongest[0, 0])
+
+    def table(self, polarity: Polarity, current_ma: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """mu (n, K, 8) and the most activated muscle's (n, K) of configurations (n, 16) at K currents each.
+
+        Raises:
+            DatasetError: a configuration is not in the table.
+        """
+        try:
+            rows = np.array([self.index[tuple(row)] for row in polarity.tolist()])
+        except KeyError:
             raise DatasetError(
                 "the simulated patient knows no such configuration; expected one of the model's table"
-            )
-        current = float(point[CURRENT_COLUMN])
-        weak = min(1.0, current / self.currents_ma[0])
-        level = np.interp(np.log(current), np.log(self.currents_ma), np.arange(len(self.currents_ma)))
-        low = int(level)
-        high, part = min(low + 1, len(self.currents_ma) - 1), level - low
-        mu = (1 - part) * self.mu[row, low] + part * self.mu[row, high]
-        strongest = (1 - part) * self.strongest[row, low] + part * self.strongest[row, high]
-        return weak * mu, float(weak * strongest)
+            ) from None
+        weak = np.minimum(1.0, current_ma / self.currents_ma[0])
+        level = np.interp(np.log(current_ma), np.log(self.currents_ma), np.arange(len(self.currents_ma)))
+        low = level.astype(int)
+        high, part = np.minimum(low + 1, len(self.currents_ma) - 1), level - low
+        mu = (1 - part)[:, None] * self.mu[np.ix_(rows, low)] + part[:, None] * self.mu[np.ix_(rows, high)]
+        strongest = (1 - part) * self.strongest[np.ix_(rows, low)]
+        strongest += part * self.strongest[np.ix_(rows, high)]
+        return weak[:, None] * mu, weak * strongest
 
 
 def load_responses(path: Path) -> Responses:

@@ -38,6 +38,7 @@ class Trial:
         failure: why there is no result.
         delivered: False when nothing was delivered.
         started, recorded: times.
+        day: number of pauses before it, from 0; the initial trials have one of their own, -1.
     """
 
     number: int
@@ -56,6 +57,7 @@ class Trial:
     delivered: bool = True
     started: str = ""
     recorded: str = ""
+    day: int = 0
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,7 @@ class State:
         last_point: inputs delivered last, from which steps are limited; None at a start or after a pause.
         target_since: number of the entry that set the target.
         head: the last entry.
+        pauses: how often the session was resumed.
     """
 
     session: str = ""
@@ -105,6 +108,7 @@ class State:
     last_point: Point | None = None
     target_since: int = 0
     head: Entry | None = None
+    pauses: int = 0
 
     @property
     def open_suggestion(self) -> Suggestion | None:
@@ -135,6 +139,7 @@ class State:
                 Trial(
                     number,
                     "initial",
+                    day=-1,
                     status=status,
                     recorded=row.get("time") or entry.time,
                     **_results(row),
@@ -188,6 +193,7 @@ class State:
 
     def _resumed(self, entry: Entry, p: dict[str, Any]) -> None:
         self.stopped = None
+        self.pauses += 1
 
     def _noted(self, entry: Entry, p: dict[str, Any]) -> None:
         """A remark; it changes nothing."""
@@ -220,6 +226,7 @@ class State:
                 decided_by=entry.who,
                 reason=entry.payload.get("reason", ""),
                 started=entry.time,
+                day=self.pauses,
             )
         )
 

@@ -83,10 +83,17 @@ class StimulationSet(FiniteSet):
         return NearestMap(unit_potentials(self.polarity), self.currents_ma)
 
     def _permitted(self, last: Point | None) -> NDArray[np.bool_]:
-        n_currents = len(self.currents_ma)
-        last_ma = None if last is None else float(last[CURRENT_COLUMN])
-        polarity = np.repeat(self.polarity, n_currents, axis=0)
-        return self._envelope.permitted(polarity, np.tile(self.currents_ma, len(self.polarity)), last_ma)
+        within_step = self._envelope.step(
+            self.currents_ma, None if last is None else float(last[CURRENT_COLUMN])
+        ).within()
+        return self._within_fixed_limits & np.tile(within_step, len(self.polarity))
+
+    @cached_property
+    def _within_fixed_limits(self) -> NDArray[np.bool_]:
+        """(N,) True for rows within every limit that does not depend on the trial before."""
+        polarity = np.repeat(self.polarity, len(self.currents_ma), axis=0)
+        highest = float(self.currents_ma[-1])
+        return self._envelope.permitted(polarity, np.tile(self.currents_ma, len(self.polarity)), highest)
 
     def _row_inside(self, point: Point) -> int | None:
         configuration = self._index.get(tuple(point["polarity"]))

@@ -123,13 +123,11 @@ class Envelope:
         worst_cathode = np.where(polarity < 0, impedance, 0.0).max(axis=1)
         worst_anode = np.where(polarity > 0, impedance, 0.0).max(axis=1)
         voltage = (cathode_ma * worst_cathode + anode_ma * worst_anode) * 1e-3
-        ceiling = limits.restart_current_ma if last_ma is None else last_ma + limits.max_step_ma
-        step = "current after a start or a pause" if last_ma is None else f"current after {last_ma:g} mA"
         with np.errstate(divide="ignore"):
             shannon = np.log10(density * charge_uc)
         return [
             Load("current", "mA", current_ma, limits.max_current_ma),
-            Load(step, "mA", current_ma, ceiling),
+            self.step(current_ma, last_ma),
             Load("number of cathodes", "", cathodes.astype(float), limits.max_cathodes),
             Load("number of anodes", "", anodes.astype(float), limits.max_anodes),
             Load("charge per phase of a contact", "uC", charge_uc, limits.max_charge_per_phase_uc),
@@ -143,6 +141,12 @@ class Envelope:
                 limits.max_impedance_ohm,
             ),
         ]
+
+    def step(self, current_ma: FloatArray, last_ma: float | None) -> Load:
+        """The only limit that depends on the trial before; see `loads`."""
+        if last_ma is None:
+            return Load("current after a start or a pause", "mA", current_ma, self.limits.restart_current_ma)
+        return Load(f"current after {last_ma:g} mA", "mA", current_ma, last_ma + self.limits.max_step_ma)
 
     def permitted(
         self, polarity: Polarity, current_ma: FloatArray, last_ma: float | None

@@ -79,9 +79,9 @@ def counts(session: Session) -> dict[str, int]:
 
 def promised(session: Session) -> dict[str, float]:
     """The confidence of the method: beta, and the safe probability alpha that it promises per suggestion."""
-    from hdsafebo.optimizers.registry import method_class
+    from hdsafebo.session.methods import session_method
 
-    kind, fixed = method_class(session.definition.method.name)
+    kind, fixed = session_method(session.definition.method.name)
     settings = kind.Settings.model_validate({**fixed, **session.definition.method.settings})
     beta = settings.beta if settings.alpha is None else beta_of(settings.alpha)
     return {"beta": beta, "alpha": alpha_of(beta)}
