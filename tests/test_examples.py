@@ -1,0 +1,98 @@
+"""The worked examples do what they say."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from report.run_files import trial_table, write_run
+
+from hdsafebo.campaign.tracking import default_uri, track_stage
+from hdsafebo.problem import Status
+from hdsafebo.report.metrics import per_seed
+from hdsafebo.report.runs import read_run
+
+
+def load(root: Path, name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"example_{name}", root / "examples" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_own_black_box_improves_safely_and_resumes(project_root: Path, tmp_path: Path) -> None:
+    example = load(project_root, "own_black_box")
+    optimizer = example.optimise(tmp_path / "state.zip")
+    trials = optimizer.trials
+    chosen = ~trials.initial
+    assert chosen.sum() == 48
+    assert (trials.status[chosen] == Status.FAILED).any(), "the example shows a failed trial"
+    done = chosen & trials.completed
+    assert optimizer.feasible[done].sum() / done.sum() >= 0.9
+    start = trials.objective[trials.initial & optimizer.feasible].max()
+    best = optimizer.best()
+    assert best.objective[0] > start + 5.0
+    assert (best.safety[0] < 1.0).any(), "a limit binds"
+
+
+def test_reading_run_files_gives_the_reports_numbers(
+    project_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    example = load(project_root, "read_runs")
+    rng = np.random.default_rng(0)
+    for method, gain in (("hdsafebo", 1.0), ("sobol", 0.0)):
+        tables = []
+        for seed in range(3):
+            objective = gain + rng.normal(size=12)
+            objective[7] = np.nan  # a failed trial
+            tables.append(trial_table(seed, objective, rng.normal(size=12), n_initial=4, batch=2))
+        write_run(tmp_path, "synthetic", method, tables, n_initial=4, batch=2)
+    folder = tmp_path / "data/runs"
+    run = example.read_run(folder, "synthetic", "hdsafebo")
+    expected = per_seed(read_run(folder / "synthetic-hdsafebo.parquet"))
+    found = example.per_seed(run)
+    for metric in ("objective", "safety", "violation"):
+        np.testing.assert_allclose(found[metric], expected[metric])
+    curve = example.learning_curve(run)
+    assert curve["mean"].iloc[-1] == pytest.approx(found["objective"].mean())
+    example.main(folder, "synthetic", ["hdsafebo", "sobol"])
+    assert "synthetic hdsafebo: 3 seeds, 12 trials" in capsys.readouterr().out
+    other = example.per_seed(example.read_run(folder, "synthetic", "sobol"))
+    mean, _, pairs = example.paired_difference(found, other, "objective")
+    assert (mean, pairs) == (pytest.approx((found["objective"] - other["objective"]).mean()), 3)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries below MLflow
+def test_comparison_reads_what_a_stage_records(
+    project_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    for method, settings in (("hdsafebo", {"beta": 2.0}), ("sobol", {})):
+        with track_stage("optimize_synthetic", {}, tmp_path) as tracker:
+            item = {"task": "synthetic", "method": method}
+            tracker.place(
+                "synthetic", method, stage="optimize_synthetic", item=item, params={"settings": settings}
+            )
+            tracker.log_child(f"{method} 0", {}, [10], {"best_safe_objective": [7.0]})
+            curves = {"best_safe_objective": [1.0, 3.0], "safety_ratio": [1.0, 0.5]}
+            tracker.log_series([10, 20], curves | {"cumulative_violation": [0.0, 2.0]})
+    assert default_uri(tmp_path) == f"sqlite:///{tmp_path / 'mlruns.db'}"
+    table = load(project_root, "compare_methods").comparison(tmp_path / "mlruns.db", "synthetic")
+    assert table["method"].tolist() == ["hdsafebo", "sobol"]
+    assert table["beta"].fillna("none").tolist() == ["2.0", "none"]
+    assert table[["objective", "safety", "violation"]].to_numpy().tolist() == [[3.0, 0.5, 2.0]] * 2
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("git") is None, reason="DVC's experiments are commits")
+def test_comparison_runs_two_methods_and_an_experiment(project_root: Path, tmp_path: Path) -> None:
+    table = load(project_root, "compare_methods").main(tmp_path)
+    assert table["method"].tolist() == ["hdsafebo", "sobol", "hdsafebo"]
+    assert table["beta"].fillna("none").tolist() == ["2.0", "none", "0.0"]
+    assert table[["objective", "safety", "violation"]].notna().all().all()
