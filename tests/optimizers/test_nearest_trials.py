@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -127,3 +128,20 @@ def test_a_hundred_times_more_trials_change_neither_fit_nor_its_cost() -> None:
 def test_a_bound_that_is_no_number_of_trials_is_refused(value: object) -> None:
     with pytest.raises(ParamsError, match="max_fitted_trials"):
         HdSafeBO(bowl_problem(), max_fitted_trials=value)
+
+
+@pytest.mark.slow
+def test_a_round_at_ten_thousand_trials_costs_at_most_twice_that_at_a_thousand() -> None:
+    seconds = {}
+    for n in (1_000, 10_000):
+        made = HdSafeBOLocal(bowl_problem(dimension=20), seed=1, max_fitted_trials=300)
+        x = np.random.default_rng(0).uniform(0.3, 0.5, (n, 20))
+        made.observe(x, *bowl(x), initial=True)
+        run_rounds(made, 4, n=10)  # the first fits search longer
+        spent = []
+        for _ in range(9):
+            start = time.process_time()
+            run_rounds(made, 1, n=10)
+            spent.append(time.process_time() - start)
+        seconds[n] = np.median(spent)
+    assert seconds[10_000] <= 2 * seconds[1_000], seconds
