@@ -1,18 +1,22 @@
 """Verification of the spinal model at full size: accuracy, convergence, conservation, meshes, cost.
 
-    python benchmarks/spinal.py                 # all of it, some minutes
-    python benchmarks/spinal.py --part cylinder --part meshes --write
+    python benchmarks/spinal.py --write             # all of it, some minutes
+    python benchmarks/spinal.py --part cylinder --part meshes
 
 The layered cylinder has an exact solution (Fourier and Bessel series). Errors are the largest over a fibre,
 relative to its largest value, at r = 0, 2 and 4 mm below the patch; the bent columns use mapped prisms.
-Seconds are those of the processor, one thread, so other work on the machine does not change them much.
+CPU seconds are those of all threads, one for the solver and two for the traversal; the wall's stand beside
+them. Peak memory is that of a process of its own per part, so of all that was done in it so far.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -34,6 +38,8 @@ from hdsafebo.spinal.verification import RADII, cylinder_errors
 
 Row = dict[str, float | int | str]
 
+OUT = Path("reports/reference/benchmarks/spinal.json")
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 SETTINGS = Spinal()
 STANDARD = EdgeLengths(SETTINGS.mesh.cord, SETTINGS.mesh.contacts, SETTINGS.mesh.largest)
 MESHES = {
@@ -86,12 +92,16 @@ def meshes() -> list[Row]:
 def traversal() -> list[Row]:
     """Cost and outcome of the traversal; best safe selectivity of the left pools and where it lies."""
     field, _ = _solve_cord(*MESHES["standard"])
-    wall = time.perf_counter()
+    start, wall = time.process_time(), time.perf_counter()
     found = _traverse(field)
-    seconds = time.perf_counter() - wall
     safe = found.g >= SETTINGS.safety_threshold
     rows: list[Row] = [
-        {"rows": found.g.size, "safe share": float(safe.mean()), "wall s": seconds, "peak MB": _peak()}
+        {
+            "rows": found.g.size,
+            "safe share": float(safe.mean()),
+            **_seconds(start, wall),
+            "peak MB": _peak(),
+        }
     ]
     for i, muscle in enumerate(districts(Anatomy())):
         best = np.where(safe, found.si[:, :, i, 0], -1.0).max(axis=0)
@@ -109,9 +119,9 @@ def traversal() -> list[Row]:
 
 
 def _errors(case: LayeredCylinder, lengths: EdgeLengths, step: float, bulge: float) -> Row:
-    start = time.process_time()
+    start, wall = time.process_time(), time.perf_counter()
     found = cylinder_errors(case, lengths, step, bulge)
-    row: Row = {"unknowns": found.unknowns, "CPU s": round(time.process_time() - start, 1)}
+    row: Row = {"unknowns": found.unknowns, **_seconds(start, wall)}
     for name, values in (("V", found.potential), ("AF", found.activating)):
         row |= {f"{name} r={r:g} %": round(100 * float(v), 3) for r, v in zip(RADII, values, strict=True)}
     row["reciprocity"] = found.solution.reciprocity_error
@@ -127,8 +137,7 @@ def _solve_cord(lengths: EdgeLengths, step: float) -> tuple[LeadField, Row]:
     row: Row = {
         "unknowns": solution.unknowns,
         "iterations": solution.iterations,
-        "CPU s": round(time.process_time() - start, 1),
-        "wall s": round(time.perf_counter() - wall, 1),
+        **_seconds(start, wall),
         "peak MB": _peak(),
         "reciprocity": solution.reciprocity_error,
         "current": solution.current_error,
@@ -146,6 +155,14 @@ def _traverse(field: LeadField) -> Traversal:
     )
 
 
+def _seconds(start: float, wall: float) -> Row:
+    """CPU and wall seconds since these readings of the clocks."""
+    return {
+        "CPU s": round(time.process_time() - start, 1),
+        "wall s": round(time.perf_counter() - wall, 1),
+    }
+
+
 def _peak() -> int:
     """Peak memory of the process so far, MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
@@ -156,25 +173,40 @@ PARTS: dict[str, Callable[[], list[Row]]] = {
 }  # fmt: skip
 
 
+def in_own_process(part: str) -> list[Row]:
+    """Rows of a part, computed in a process that has done nothing else."""
+    command = [sys.executable, __file__, "--part", part, "--json"]
+    rows: list[Row] = json.loads(
+        subprocess.run(
+            command, stdout=subprocess.PIPE, text=True, check=True, env=os.environ | ONE_THREAD
+        ).stdout
+    )
+    return rows
+
+
 def main() -> None:
     """Run the chosen parts and print one table each."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--part", choices=list(PARTS), action="append", help="may be repeated; default: all")
-    parser.add_argument("--write", action="store_true", help="write reports/benchmarks/spinal.json")
+    parser.add_argument("--write", action="store_true", help=f"keep the rows in {OUT}")
+    parser.add_argument("--json", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    results = {}
-    for name in arguments.part or list(PARTS):
-        results[name] = PARTS[name]()
+    parts = arguments.part or list(PARTS)
+    if arguments.json:
+        print(json.dumps(PARTS[parts[0]]()))
+        return
+    results = json.loads(OUT.read_text(encoding="utf-8")) if OUT.exists() else {}
+    for name in parts:
+        results[name] = in_own_process(name)
         print(f"\n{(PARTS[name].__doc__ or name).splitlines()[0]}")
         for row in results[name]:
             cells = (f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items())
-            print("  " + " | ".join(cells))
-    if arguments.write:
-        path = Path("reports/benchmarks/spinal.json")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+            print("  " + " | ".join(cells), flush=True)
+        if arguments.write:
+            OUT.parent.mkdir(parents=True, exist_ok=True)
+            OUT.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

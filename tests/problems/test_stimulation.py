@@ -9,9 +9,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from hdsafebo.errors import DatasetError
+from hdsafebo.embeddings import make_embedding
+from hdsafebo.errors import DatasetError, EmbeddingFileError, UnknownNameError
+from hdsafebo.params import load_params
 from hdsafebo.problem import Trials, check_problem
-from hdsafebo.problems.stimulation import SelectiveStimulation, StimulationSet, log_responses, read_target
+from hdsafebo.problems.stimulation import (
+    DATASET_FILE,
+    SelectiveStimulation,
+    StimulationSet,
+    log_responses,
+    make_task,
+    read_target,
+)
 from hdsafebo.spinal.configurations import CONFIGURATIONS
 from hdsafebo.spinal.field_map import PIXELS
 
@@ -135,3 +144,21 @@ def test_a_file_that_is_no_table(tmp_path: Path, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(DatasetError, match="cannot be read"):
         read_target(path, "ST", "left")
+
+
+def test_a_task_refuses_an_unknown_muscle_and_an_embedding_of_other_maps(
+    tmp_path: Path, project_root: Path, values: tuple[np.ndarray, np.ndarray]
+) -> None:
+    params = load_params(project_root / "params.yaml")
+    with pytest.raises(UnknownNameError, match="unknown stimulation target 'soleus'; valid names: bfgm, ga"):
+        make_task("scs_soleus", params, method="sobol", seed=0, root=tmp_path)
+    (tmp_path / "data/spinal").mkdir(parents=True)
+    pq.write_table(pa.table(table(values)), tmp_path / DATASET_FILE)
+    task = make_task("scs_st", params, method="sobol", seed=0, root=tmp_path)
+    (tmp_path / task.inputs[1]).parent.mkdir(parents=True)
+    other = make_embedding("pca", latent_dim=2)
+    other.fit(np.random.default_rng(0).standard_normal((30, 20)), rng=np.random.default_rng(0))
+    other.save(tmp_path / task.inputs[1])
+    assert task.embedding is not None
+    with pytest.raises(EmbeddingFileError, match="input_dim is 20, expected 728"):
+        task.embedding(np.empty((0, PIXELS)))
