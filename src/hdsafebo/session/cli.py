@@ -349,4 +349,5 @@ def _patient_month(arguments: argparse.Namespace) -> None:
     print(f"{result.recommended} recommended, {result.unsafe} of them rated unsafe")
     print(f"{result.breaches} trials outside the hard limits")
     for muscle, final in result.final_best.items():
-        print(f"  {muscle}: true selectivity {result.initial_best[muscle]:.3f} -> {final:.3f}")
+        before, most = result.initial_best[muscle], result.reachable[muscle]
+        print(f"  {muscle}: true selectivity {before:.3f} -> {final:.3f}, {most:.3f} within the priors")

@@ -27,7 +27,8 @@ class Method(Block):
     """The optimiser.
 
     Attributes:
-        name: one of the optimisers that need no evaluation of their own (`hdsafebo methods` lists them).
+        name: one of the optimisers that need no evaluation of their own (`hdsafebo methods` lists them), or
+            `hdsafebo_shortlist` (sessions only; a finite set).
         settings: its constructor settings, such as `alpha`.
     """
 

@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 
 from hdsafebo.session.audit import verify_session
+from hdsafebo.session.believed import believed_best
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.plots import calibration_svg, course_svg
 from hdsafebo.session.session import DISCLAIMER, Session
@@ -72,14 +73,18 @@ def _overview(session: Session) -> str:
 
 def _targets(session: Session) -> str:
     rows = []
+    believed = believed_best(session)
     for target in session.space.targets:
         first, last = session.best(target, origin="initial"), session.best(target)
+        trial, value = believed.get(target, (None, float("nan")))
         rows.append(
             (
                 target,
                 _value(first, target),
                 _value(last, target),
                 "" if last is None else session.space.describe(last.point),
+                "none" if trial is None else f"{value:.4f}",
+                "" if trial is None else session.space.describe(trial.point),
             )
         )
     treated = {t.target for t in session.state.trials if t.target is not None} | {session.state.target}
@@ -88,8 +93,12 @@ def _targets(session: Session) -> str:
         for t in session.space.targets
         if t in treated
     )
-    head = ("target", "best safe initial", "best safe", "inputs")
-    return f"<h2>Targets</h2>{_table(head, rows)}<div class=figures>{figures}</div>"
+    head = ("target", "highest safe initial", "highest safe", "inputs", "believed best safe", "inputs")
+    text = (
+        "Highest: the highest single measurement, which is a lucky one. Believed: by a model that weighs it "
+        "against similar inputs, repetitions and the effects of days."
+    )
+    return f"<h2>Targets</h2><p>{text}</p>{_table(head, rows)}<div class=figures>{figures}</div>"
 
 
 def _calibration(session: Session) -> str:

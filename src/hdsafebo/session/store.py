@@ -77,7 +77,7 @@ class Store:
                 database.executescript(f"BEGIN IMMEDIATE; {header} {_SCHEMA} COMMIT;")
             database.close()
         except (OSError, sqlite3.Error) as error:
-            raise SessionError(f"{path}: cannot be made: {error}") from None
+            raise SessionError(f"{path}: cannot be made: {_explained(error)}") from None
         store = cls(directory, clock)
         if store.lines():
             store.close()
@@ -189,8 +189,15 @@ class Store:
             yield
         except sqlite3.DatabaseError as error:
             if isinstance(error, sqlite3.OperationalError):
-                raise SessionError(f"{self.path}: {error}; nothing was recorded") from None
+                raise SessionError(f"{self.path}: {_explained(error)}; nothing was recorded") from None
             raise AuditError(f"{self.path}: damaged: {error}") from None
+
+
+def _explained(error: Exception) -> str:
+    """SQLite's words, which for a disk without room may be "disk I/O error" or "unable to open"."""
+    name = getattr(error, "sqlite_errorname", "")
+    of_the_disk = name.startswith(("SQLITE_IOERR", "SQLITE_CANTOPEN", "SQLITE_READONLY"))
+    return f"{error} (is the disk full or read-only?)" if of_the_disk else str(error)
 
 
 def _signed(content: bytes) -> bytes:
