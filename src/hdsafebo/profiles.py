@@ -65,7 +65,7 @@ def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
     """
     target = root / "params.yaml"
     text = profile_text(root, name)
-    if target.exists():
+    if target.is_file():
         present = target.read_bytes()
         if present == text.encode():
             return False
