@@ -30,6 +30,7 @@ def main(stage: Stage) -> None:
         git_revision=None if revision is None else revision[0],
         safety_threshold=threshold,
         planned=_planned(stage.params),
+        isometry_points=stage.params.isometry.points,
         settings=Settings(**stage.params.report.model_dump()),
         field_map=_example(stage.path(STIMULATION), threshold),
     )

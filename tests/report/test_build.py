@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import struct
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.build import build_report
+from hdsafebo.report.inputs import Frame
 from hdsafebo.report.results import Settings
 from report.full_size import write_everything
 from report.run_files import trial_table, write_run
@@ -142,6 +144,36 @@ def test_runs_that_the_parameters_do_not_name_are_left_out_and_listed(tmp_path: 
     text = page(tmp_path)
     assert "do not name their task and method: scs_ga-cei.parquet, scs_st-scbo.parquet." in text
     assert "scbo" not in (tmp_path / "reports/tables/metrics_scs_st.csv").read_text()
+
+
+def test_a_wide_picture_can_be_scrolled_on_a_phone() -> None:
+    def png(width: int, height: int) -> bytes:
+        return b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", width, height)
+
+    assert Frame("wide", png(1400, 1000)).is_wide
+    assert not Frame("square", png(1000, 1000)).is_wide
+    assert not Frame("no picture", b"").is_wide
+
+
+def test_sizes_of_the_isometry_check_and_the_random_embeddings(tmp_path: Path) -> None:
+    write_everything(tmp_path, seeds_divided_by=10, only=(("scs_st",), ("hdsafebo", "hesbo", "sobol")))
+    checks = {"distance_correlation": 0.9, "gp_mean_difference": 0.1, "gp_variance_difference": 0.1}
+    (tmp_path / "reports").mkdir(exist_ok=True)
+    (tmp_path / "reports/isometry.json").write_text(json.dumps({"irvae": checks}))
+    build_report(
+        tmp_path,
+        profile="test",
+        git_revision=None,
+        safety_threshold=0.05,
+        isometry_points=2000,
+        settings=QUICK,
+    )
+    text = page(tmp_path)
+    assert "Size: 2,000 field maps. Paper: 10,000" in text
+    assert "This is below the paper&#39;s size" in text
+    table = pd.read_csv(tmp_path / "reports/tables/random_embeddings_scs_st.csv")
+    assert table["method"].tolist() == ["hdsafebo", "hesbo"]
+    assert table["paper_objective"].tolist() == [0.26, 0.23]
 
 
 def test_nothing_was_run(tmp_path: Path) -> None:

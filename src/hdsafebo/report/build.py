@@ -50,6 +50,7 @@ def build_report(
     git_revision: str | None,
     safety_threshold: float,
     planned: Collection[tuple[str, str]] | None = None,
+    isometry_points: int | None = None,
     settings: Settings | None = None,
     field_map: tuple[NDArray[np.float64], str] | None = None,
     output: Path | None = None,
@@ -62,6 +63,7 @@ def build_report(
         git_revision: of the code; None outside a repository.
         safety_threshold: g from which a stimulation is safe.
         planned: tasks and methods whose runs are reported; None takes every run file.
+        isometry_points: field maps that the isometry check measured distances between.
         settings: how uncertainty is stated.
         field_map: an example of a field map (52, 14) and the name of its parameters.
         output: folder of the report; None takes `root/reports`.
@@ -77,7 +79,7 @@ def build_report(
     inputs = read_inputs(root, safety_threshold=safety_threshold, field_map=field_map)
     claims = paper_claims(results, inputs.isometry, inputs.stimulation)
     leaders = _leaders(results)
-    sections = _sections(results, inputs)
+    sections = _sections(results, inputs, isometry_points)
     folder = root / "reports" if output is None else output
     for name in ("figures", "tables", "curves"):
         (folder / name).mkdir(parents=True, exist_ok=True)
@@ -95,14 +97,14 @@ def build_report(
     return content
 
 
-def _sections(results: Results, inputs: Inputs) -> list[Section]:
+def _sections(results: Results, inputs: Inputs, isometry_points: int | None) -> list[Section]:
     return [
         Section("workflow", "The algorithm", "Figure 1", [workflow_figure()]),
         synthetic_section(results),
         hand_section(results, inputs),
         ablation_section(results),
         stimulation_section(results, inputs),
-        embedding_section(inputs),
+        embedding_section(inputs, isometry_points),
         digits_section(results),
         safety_section(results),
         runtime_section(results),

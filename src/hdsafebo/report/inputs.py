@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -82,6 +83,12 @@ class Frame:
 
     title: str
     data: bytes
+
+    @property
+    def is_wide(self) -> bool:
+        """At least 1.4 times as wide as high (bytes 16 to 24 are the sizes: PNG specification, IHDR)."""
+        width, height = struct.unpack(">II", self.data[16:24]) if len(self.data) >= 24 else (0, 1)
+        return bool(width >= 1.4 * height)
 
 
 @dataclass(frozen=True)

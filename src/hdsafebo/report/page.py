@@ -80,7 +80,8 @@ def _block(block: Any, figures: Path) -> dict[str, Any]:
     if isinstance(block, Details):
         return {"kind": "details", "title": block.title, "table": block.table}
     if isinstance(block, Frame):
-        return {"kind": "frame", "title": block.title, "data": base64.b64encode(block.data).decode()}
+        data = base64.b64encode(block.data).decode()
+        return {"kind": "frame", "title": block.title, "data": data, "wide": block.is_wide}
     if isinstance(block, Figure):
         return {
             "kind": "figure",

@@ -11,7 +11,7 @@ from hdsafebo.report.figures.safety import calibration_figure
 from hdsafebo.report.formatting import number
 from hdsafebo.report.inputs import Inputs, Isometry
 from hdsafebo.report.methods import style, task_label
-from hdsafebo.report.paper import ISOMETRY, ISOMETRY_SOURCE
+from hdsafebo.report.paper import ISOMETRY, ISOMETRY_POINTS, ISOMETRY_SOURCE
 from hdsafebo.report.results import Results
 from hdsafebo.report.sections.base import Block, Details, Section, Text, not_run
 from hdsafebo.report.statistics import MIN_PAIRS
@@ -31,12 +31,16 @@ _ISOMETRY_COLUMNS = {
 }
 
 
-def embedding_section(inputs: Inputs) -> Section:
-    """The distance table and the scatter of pairwise distances."""
+def embedding_section(inputs: Inputs, points: int | None) -> Section:
+    """The distance table and the scatter of pairwise distances, between so many field maps."""
     blocks: list[Block] = []
     if inputs.isometry is None:
         blocks.append(not_run("Isometry check"))
     else:
+        if points is not None:
+            verdict = "below" if points < ISOMETRY_POINTS else "at least"
+            size = f"Size: {points:,} field maps. Paper: {ISOMETRY_POINTS:,} ({ISOMETRY_SOURCE})."
+            blocks.append(Text(f"{size} This is {verdict} the paper's size.", "size"))
         blocks.append(_isometry_table(inputs.isometry))
     if inputs.distances is None:
         blocks.append(not_run("Sample of pairwise distances"))

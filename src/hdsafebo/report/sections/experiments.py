@@ -25,6 +25,7 @@ from hdsafebo.report.sections.findings import (
 from hdsafebo.report.tables import comparison_table, metrics_table
 from hdsafebo.report.tables_speed import regret_table
 
+RANDOM_EMBEDDINGS = ("hesbo", "baxus")
 ABLATION = ("hdsafebo", "hdsafebo_global", "hdsafebo_pessimistic")
 
 
@@ -116,12 +117,25 @@ def stimulation_section(results: Results, inputs: Inputs) -> Section:
         blocks.append(Text(task_label(task), "heading"))
         blocks += task_blocks(results, task)
         blocks += _regret_blocks(results, task)
+    blocks += _random_embedding_blocks(results, tasks)
     return Section(
         "stimulation",
         "Stimulation of the spinal cord",
         "Section 5.3, Figure 4, appendices B.6 and C.5",
         blocks,
     )
+
+
+def _random_embedding_blocks(results: Results, tasks: list[str]) -> list[Block]:
+    """The paper's comparison with methods that search a random embedding and know no safety."""
+    blocks: list[Block] = [Text("Random embeddings (appendix C.5)", "heading")]
+    for task in tasks:
+        ran = results.methods(task)
+        if any(method in ran for method in RANDOM_EMBEDDINGS):
+            shown = [m for m in ran if style(m).family == "ours" or m in RANDOM_EMBEDDINGS]
+            caption = f"{task_label(task)}: HesBO and BAxUS search without regard to safety."
+            blocks.append(metrics_table(results, task, shown, caption, f"random_embeddings_{task}"))
+    return blocks if len(blocks) > 1 else [*blocks, not_run("HesBO and BAxUS")]
 
 
 def _regret_blocks(results: Results, task: str) -> list[Block]:
@@ -145,7 +159,8 @@ def digits_section(results: Results) -> Section:
     """The digits, averaged, and each digit in a folded table."""
     intro = Text(
         "Make a digit as thick as possible while a network still recognises it. The objective is "
-        "normalised by the best recognised image of the data set. "
+        "normalised by the best recognised image of the data set. A code has the values of the image that it "
+        "decodes to, so the initial trials, too, are images as the embedding shows them. "
         "Values are means over seeds for each digit, then mean ± standard error over digits; the paper "
         "prints standard deviations over digits."
     )
