@@ -169,7 +169,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--problems", type=int, default=200, help="default: 200")
-    parser.add_argument("--rounds", type=int, default=10, help="trials asked on each problem (default: 10)")
+    parser.add_argument("--rounds", type=int, default=5, help="trials asked on each problem (default: 5)")
     parser.add_argument("--first-seed", type=int, default=1000, help="default: 1000")
     parser.add_argument("--write", action="store_true", help=f"write {OUTPUT.name} to reports/reference")
     arguments = parser.parse_args()

@@ -16,7 +16,7 @@ from scipy.special import ndtr, ndtri
 from hdsafebo.report.statistics import clopper_pearson
 
 FEW, ALL = 20, 200
-ROUNDS = {FEW: 8, ALL: 10}
+ROUNDS = {FEW: 8, ALL: 5}
 JOINT = 0.99
 """Confidence with which all bins of a run together hold their predictions."""
 SIZES = pytest.mark.parametrize("problems", [FEW, pytest.param(ALL, marks=pytest.mark.slow)])
