@@ -59,7 +59,10 @@ def synthetic_section(results: Results) -> Section:
     intro = Text(
         "Objective and safety are samples of Gaussian processes over 40 of 50 latent coordinates inside "
         "1,000 inputs. "
-        "(O) marks methods that search the original inputs; the others search the 50 principal components."
+        "(O) marks methods that search the original inputs; the others search the 50 principal components. "
+        "The samples are drawn as they are evaluated, from the same random numbers for every method of a "
+        "seed: methods whose trials all lie many length scales apart meet the same white noise, and their "
+        "rows are equal."
     )
     check = closed_form_finding(results)
     blocks = [intro, *task_blocks(results, "synthetic"), *([] if check is None else [check])]
