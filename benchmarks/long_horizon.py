@@ -35,6 +35,7 @@ THRESHOLD = -0.75
 WAVES = 200
 LENGTH = 0.35
 """Length scale of the waves, in widths of the box times the square root of its dimension."""
+PARTS = ("long_run", "comparison")
 AROUND = 20
 """Rounds whose median is the time at a number of trials."""
 
@@ -105,6 +106,7 @@ def long_run(seed: int, trials: int, most: int, early: int) -> dict[str, Any]:
     return {
         "seed": seed,
         "trials": trials,
+        "max_fitted_trials": most,
         "objective": result.objective,
         "safety": result.safety,
         "seconds_per_round": times,
@@ -131,7 +133,12 @@ def compare(seeds: list[int], trials: int, most: int) -> dict[str, Any]:
     differences = [
         b["objective"] - e["objective"] for b, e in zip(table["bounded"], table["exact"], strict=True)
     ]
-    return {"trials": trials, **table, "objective_difference": float(np.mean(differences))}
+    return {
+        "trials": trials,
+        "max_fitted_trials": most,
+        **table,
+        "objective_difference": float(np.mean(differences)),
+    }
 
 
 def main() -> None:
@@ -139,31 +146,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS), help="default: both")
     parser.add_argument("--most", type=int, default=200, help="max_fitted_trials (default: 200)")
     parser.add_argument("--trials", type=int, default=10_000, help="of the long run (default: 10000)")
     parser.add_argument(
-        "--early", type=int, default=1_000, help="when rounds are timed first (default: 1000)"
+        "--early", type=int, default=1_000, help="of the first timing (default: 1000)"
     )
-    parser.add_argument(
-        "--compared", type=int, default=2_000, help="trials of the comparison (default: 2000)"
-    )
+    parser.add_argument("--compared", type=int, default=600, help="in the comparison (default: 600)")
     parser.add_argument("--seeds", type=int, nargs="+", default=[1000, 1001, 1002], help="of the comparison")
     parser.add_argument("--write", action="store_true", help=f"write {OUTPUT.name} with the other benchmarks")
     arguments = parser.parse_args()
-    long = long_run(arguments.seeds[0], arguments.trials, arguments.most, arguments.early)
-    print(json.dumps(long), flush=True)
-    result = {
-        "method": METHOD,
-        "dimension": DIMENSION,
-        "batch": BATCH,
-        "max_fitted_trials": arguments.most,
-        "machine": {"python": platform.python_version(), "processor": platform.machine(), "threads": 1},
-        "long_run": long,
-        "comparison": compare(arguments.seeds, arguments.compared, arguments.most),
-    }
+    result: dict[str, Any] = {"method": METHOD, "dimension": DIMENSION, "batch": BATCH, "initial": INITIAL}
+    result["machine"] = {"python": platform.python_version(), "processor": platform.machine(), "threads": 1}
+    if "long_run" in arguments.part:
+        seed = arguments.seeds[0]
+        result["long_run"] = long_run(seed, arguments.trials, arguments.most, arguments.early)
+        print(json.dumps(result["long_run"]), flush=True)
+    if "comparison" in arguments.part:
+        result["comparison"] = compare(arguments.seeds, arguments.compared, arguments.most)
     if arguments.write:
         OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-        OUTPUT.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n")
+        kept = json.loads(OUTPUT.read_text()) if OUTPUT.exists() else {}
+        OUTPUT.write_text(json.dumps(kept | result, indent=1, sort_keys=True) + "\n")
 
 
 if __name__ == "__main__":
