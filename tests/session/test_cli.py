@@ -58,7 +58,7 @@ def test_from_new_to_report(directory: Path, run: Run, tmp_path: Path) -> None:
     assert "will not be made again" in run("refuse", directory, "--reason", "odd")
     run("suggest", directory)
     assert "trial 10 may be delivered" in run("modify", directory, "c=0.05", "--reason", "softer")
-    run("record", directory, *values(directory))
+    run("record", directory, "--remark", "values last", *values(directory), "--who", "ann")
     run("manual", directory, "a=0.5 b=0.5 c=0", "--reason", "a check")
     assert "not delivered" in run("not-delivered", directory, "--reason", "cable")
     run("note", directory, "coffee")
@@ -93,7 +93,7 @@ def test_bad_input_is_named(directory: Path, run: Run, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="'speed': expected NAME=VALUE"):
         run("record", directory, "speed")
     with pytest.raises(RecordingError, match="No such file"):
-        run("record", directory, "--recording", tmp_path / "none.csv")
+        run("record", directory, "--recording", tmp_path / "none.csv", "speed=1")
     with pytest.raises(HdSafeBOError, match="no session here"):
         run("status", tmp_path)
     (tmp_path / "bad.log").write_bytes(b"x")

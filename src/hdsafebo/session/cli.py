@@ -53,7 +53,7 @@ def add_parser(subparsers: Any) -> None:
 
     record = command("record", _record, "record what came back from the running trial")
     record.add_argument(
-        "values", nargs="*", metavar="NAME=VALUE", help="scores, or outcomes and safety values"
+        "values", nargs="+", metavar="NAME=VALUE", help="scores, or outcomes and safety values"
     )
     record.add_argument("--recording", type=Path, help="EMG recording, CSV or EDF+")
     record.add_argument("--remark", default="")
