@@ -57,7 +57,7 @@ def test_reopened_it_goes_on_with_the_same_shortlist(make_session: Callable[...,
 def test_it_needs_a_finite_set(tmp_path: Path) -> None:
     definition, initial = write_box_files(tmp_path)
     definition.write_text(yaml.safe_dump(box_definition() | {"method": METHOD}))
-    with pytest.raises(ProblemError, match="searches a finite set"):
+    with pytest.raises(ProblemError, match="searches the finite set of a session"):
         create_session(tmp_path / "s", definition, who="ann", initial=initial)
 
 

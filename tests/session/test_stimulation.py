@@ -196,7 +196,7 @@ def test_no_current_above_an_unsafe_one_is_suggested_for_the_same_contacts(clini
     point = session.suggest("ann").point
     trial = session.approve("ann")
     session.record("ann", Report(values={"patient": 0.0, "therapist": 9.0}))
-    search = session.new_advisor()._search
+    search = session.search()
     rows = search.beyond(trial.point)
     assert [search.point_of(np.empty(0), int(r)) for r in rows] == [
         point | {"current_ma": c} for c in CURRENTS_MA if c >= point["current_ma"]

@@ -32,6 +32,7 @@ from hdsafebo.session.definition import Definition
 from hdsafebo.session.informed import informed_optimiser, results_of
 from hdsafebo.session.methods import load_method
 from hdsafebo.session.search import Search
+from hdsafebo.session.shortlist import HdSafeBOShortlist
 from hdsafebo.session.state import Point, State, Trial
 
 _DECISIONS = ("approved", "modified", "refused")
@@ -68,13 +69,14 @@ class Advisor:
     """See the module.
 
     Attributes:
+        search: the permitted inputs.
         state: of the session, as far as this has followed the log.
         mismatches: suggestions that were not reproduced.
     """
 
     def __init__(self, definition: Definition, search: Search) -> None:
         self._definition = definition
-        self._search = search
+        self.search = search
         self._optimiser: Optimizer | None = None
         self._asked: Advice | None = None
         self.state = State()
@@ -111,6 +113,8 @@ class Advisor:
             self.state.apply(entry)
             if entry.kind in ("created", "target_switched"):
                 self._begin()
+            elif entry.kind == "resumed" and isinstance(self._optimiser, HdSafeBOShortlist):
+                self._optimiser.days, self._optimiser.today = self._optimiser.days, self.state.pauses
             elif entry.kind in _DECISIONS:
                 self._asked = None
             elif entry.kind == "recorded":
@@ -131,7 +135,7 @@ class Advisor:
         except NoSafePointError:
             self._optimiser = self._load(before)
             raise
-        point = self._search.point_of(trials.x[0], int(trials.candidate[0]))
+        point = self.search.point_of(trials.x[0], int(trials.candidate[0]))
         belief = self._belief(trials) | {
             "violation_bound": _plain(trials.violation_bound[0]),
             "trust_region_length": _plain(trials.trust_region_length[0]),
@@ -142,7 +146,7 @@ class Advisor:
 
     def _ask(self, optimiser: Optimizer) -> Trials:
         """A proposal that is believed safe where it will be evaluated: decoded, clipped and snapped."""
-        forbidden = np.concatenate([self._search.restrict(self.state.last_point), self._declined()])
+        forbidden = np.concatenate([self.search.restrict(self.state.last_point), self._declined()])
         nothing = np.empty((len(forbidden), 0))
         elsewhere = Trials.pending(nothing, nothing, 1, candidate=forbidden)
         for _ in range(_PROPOSALS):
@@ -168,39 +172,41 @@ class Advisor:
         optimiser = self._require()
         if not optimiser.trials.completed.any():
             return None
-        x, row = self._search.glance(point)
+        x, row = self.search.glance(point)
         z = x if optimiser.embedding is None else optimiser.embedding.encode(x)
-        return self._belief(Trials.pending(x, z, len(self._search.space.safety), candidate=np.array([row])))
+        return self._belief(Trials.pending(x, z, len(self.search.space.safety), candidate=np.array([row])))
 
     def _begin(self) -> None:
         """A new optimiser for the target, told all that is known."""
         entropy = np.random.SeedSequence([self._definition.seed, self.state.target_since])
         self._optimiser = informed_optimiser(
             self._definition,
-            self._search,
+            self.search,
             self.state.target,
             int(entropy.generate_state(1)[0]),
             self.state.trials,
         )
+        if isinstance(self._optimiser, HdSafeBOShortlist):
+            self._optimiser.today = self.state.pauses
 
     def _learn(self, trial: Trial) -> None:
         optimiser = self._require()
-        objective, safety, status = results_of(trial, self.state.target, self._search, self.state.trials)
+        objective, safety, status = results_of(trial, self.state.target, self.search, self.state.trials)
         if trial.origin == "suggested" and trial.suggestion not in self._foreign:
             asked = int(np.flatnonzero(optimiser.trials.status == Status.PENDING)[-1])
             optimiser.tell([asked], [objective], [safety], status=[status])
         elif trial.delivered:
-            x, row = self._search.input_of(trial.point)
+            x, row = self.search.input_of(trial.point)
             optimiser.observe(x, [objective], [safety], status=[status], candidate=[row])
 
     def _declined(self) -> np.ndarray:
         """Candidate rows that a person turned down, or that an unsafe trial rules out; for any target."""
         points = [s.point for s in self.state.suggestions if s.decision in ("refused", "modified")]
-        rows = [self._search.input_of(p)[1] for p in points]
+        rows = [self.search.input_of(p)[1] for p in points]
         refused = np.array([row for row in rows if row >= 0], np.int64)
-        safe = self._search.space.safe
+        safe = self.search.space.safe
         unsafe = [t.point for t in self.state.trials if t.safety is not None and not safe(t.safety)]
-        return np.concatenate([refused, *(self._search.beyond(p) for p in unsafe)])
+        return np.concatenate([refused, *(self.search.beyond(p) for p in unsafe)])
 
     def _belief(self, trials: Trials) -> dict[str, Any]:
         optimiser = self._require()
@@ -208,7 +214,7 @@ class Advisor:
         surrogate = optimiser.surrogate
         mean, deviation = surrogate.objective.predict(inputs)
         safety_mean, safety_deviation = surrogate.predict_safety(inputs)
-        names = [s.name for s in self._search.space.safety]
+        names = [s.name for s in self.search.space.safety]
         return {
             "objective": {"mean": float(mean[0]), "sd": float(deviation[0])},
             "safety": {
@@ -221,7 +227,7 @@ class Advisor:
     def _shown(self, name: str, mean: float, deviation: float) -> dict[str, float]:
         """A safety function's prediction in its own units: the mean, two standard deviations around it."""
         values = {"mean": mean, "low": mean - 2.0 * deviation, "high": mean + 2.0 * deviation}
-        return {key: self._search.space.shown_safety(name, value) for key, value in values.items()}
+        return {key: self.search.space.shown_safety(name, value) for key, value in values.items()}
 
     def _reproduce(self, entry: Entry) -> None:
         """Compute a suggestion of the log again, unless it was just computed here.
@@ -242,11 +248,11 @@ class Advisor:
             self.withdraw()
 
     def _load(self, content: bytes) -> Optimizer:
-        problem = self._search.problem(self.state.target)
+        problem = self.search.problem(self.state.target)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "optimiser.safetensors"
             path.write_bytes(content)
-            return load_method(self._definition.method.name, path, problem, self._search.embedding)
+            return load_method(self._definition.method.name, path, problem, self.search.embedding)
 
     def _require(self) -> Optimizer:
         assert self._optimiser is not None, "follow the entry `created` first"

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from hdsafebo.session.days import fit_days
-from hdsafebo.session.files import make_search, stored_files
 from hdsafebo.session.informed import kernel_inputs, new_optimiser
 from hdsafebo.session.session import Session
 from hdsafebo.session.state import Trial
@@ -34,7 +33,7 @@ def believed_best(session: Session, *, initial: bool = False) -> dict[str, tuple
     counts = np.array([t.point not in unsafe for t in known])
     if not counts.any():
         return {}
-    search = make_search(session.definition, stored_files(session.store, session.state.files))
+    search = session.search()
     optimiser = new_optimiser(session.definition, search, session.state.target, session.definition.seed)
     model = fit_days(
         kernel_inputs(optimiser, search, known),

@@ -8,8 +8,10 @@ grid, with m and the scale of all variances in closed form (Rasmussen and Willia
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import groupby, product
+from operator import itemgetter
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -23,6 +25,11 @@ _DAYS = (0.0, 0.03, 0.1)
 _JITTER = 1e-8
 
 
+Theta = tuple[float, float, float]
+"""Length scale in median distances of the data; variances of noise and of days over that of f."""
+GRID: tuple[Theta, ...] = tuple(product(_LENGTHS, _NOISES, _DAYS))
+
+
 @dataclass(frozen=True)
 class DayModel:
     """The fitted parts at the data, (n, m) each, in the outcomes' units.
@@ -30,19 +37,24 @@ class DayModel:
     Attributes:
         value: posterior mean of m + f.
         effect: posterior mean of the day's effect.
+        theta: of each of the m outcomes.
     """
 
     value: FloatArray
     effect: FloatArray
+    theta: tuple[Theta, ...]
 
 
-def fit_days(inputs: FloatArray, outcomes: FloatArray, days: IntArray) -> DayModel:
+def fit_days(
+    inputs: FloatArray, outcomes: FloatArray, days: IntArray, grid: Sequence[Theta] = GRID
+) -> DayModel:
     """Fit each of the outcomes by itself.
 
     Args:
         inputs: (n, p) kernel inputs, n >= 1.
         outcomes: (n, m) finite outcomes.
         days: (n,) number of the day of each trial.
+        grid: hyper-parameters to choose from.
     """
     n = len(inputs)
     centre, scale = outcomes.mean(axis=0), outcomes.std(axis=0)
@@ -53,9 +65,11 @@ def fit_days(inputs: FloatArray, outcomes: FloatArray, days: IntArray) -> DayMod
     same_day = (days[:, None] == days).astype(float)
     highest = np.full(outcomes.shape[1], -np.inf)
     value, effect = np.zeros(outcomes.shape), np.zeros(outcomes.shape)
-    for length in _LENGTHS:
+    chosen = [grid[0]] * outcomes.shape[1]
+    for length, among in groupby(grid, key=itemgetter(0)):
         kernel = matern52(distances, length * reference)
-        for noise, day in product(_NOISES, _DAYS):
+        for theta in among:
+            _, noise, day = theta
             covariance = kernel + day * same_day
             covariance.flat[:: n + 1] += noise + _JITTER
             factor = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
@@ -73,4 +87,6 @@ def fit_days(inputs: FloatArray, outcomes: FloatArray, days: IntArray) -> DayMod
                 value[:, better] = mean[better] + kernel @ weights
                 effect[:, better] = day * (same_day @ weights)
                 highest[better] = likelihood[better]
-    return DayModel(centre + scale * value, scale * effect)
+                for column in np.flatnonzero(better):
+                    chosen[column] = theta
+    return DayModel(centre + scale * value, scale * effect, tuple(chosen))

@@ -17,6 +17,7 @@ from hdsafebo.session.errors import ProtocolError
 from hdsafebo.session.state import Point
 
 RESERVED_ROWS = 4096
+NEIGHBOURS = 100
 
 
 class FiniteSet(ABC):
@@ -83,6 +84,11 @@ class FiniteSet(ABC):
         """Rows that are not suggested once a point was unsafe: its own, and those that are surely worse."""
         inside = self._row_inside(point)
         return np.array([] if inside is None else [inside], np.int64)
+
+    def neighbours(self, row: int) -> IntArray:
+        """Rows that differ least from a row, the most similar ones by their features."""
+        squared = ((self._features[: self.size] - self._features[row]) ** 2).sum(axis=1)
+        return np.argsort(squared, kind="stable")[:NEIGHBOURS]
 
     @abstractmethod
     def encode_points(self, points: list[Point]) -> FloatArray:

@@ -9,10 +9,10 @@ import numpy as np
 from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.problem import FloatArray, Status, Trials
-from hdsafebo.session.days import fit_days
 from hdsafebo.session.definition import Definition
 from hdsafebo.session.methods import make_method
 from hdsafebo.session.search import Search
+from hdsafebo.session.shortlist import HdSafeBOShortlist
 from hdsafebo.session.state import Trial
 
 
@@ -20,8 +20,6 @@ def informed_optimiser(
     definition: Definition, search: Search, target: str, seed: int, trials: Sequence[Trial]
 ) -> Optimizer:
     """A new optimiser of a target that has observed all delivered trials with a record.
-
-    It is told outcomes less the effects of their days, as far as they can be told apart (see `days`).
 
     Args:
         definition: of the session.
@@ -38,15 +36,16 @@ def informed_optimiser(
     if known:
         inputs = [search.input_of(t.point) for t in known]
         results = [results_of(t, target, search, trials) for t in known]
-        effects = _day_effects(optimiser, search, known, target)
         optimiser.observe(
             np.vstack([x for x, _ in inputs]),
-            np.array([objective for objective, _, _ in results]) - effects,
+            [objective for objective, _, _ in results],
             np.array([safety for _, safety, _ in results]).reshape(-1, len(search.space.safety)),
             status=[status for _, _, status in results],
             candidate=[row for _, row in inputs],
             initial=True,
         )
+    if isinstance(optimiser, HdSafeBOShortlist):
+        optimiser.days = np.array([t.day for t in known], np.int64)
     return optimiser
 
 
@@ -74,18 +73,6 @@ def kernel_inputs(optimiser: Optimizer, search: Search, trials: Sequence[Trial])
     z = x if optimiser.embedding is None else np.asarray(optimiser.embedding.encode(x), float)
     rows = np.array([row for _, row in inputs])
     return optimiser.kernel_inputs(Trials.pending(x, z, len(search.space.safety), candidate=rows))
-
-
-def _day_effects(optimiser: Optimizer, search: Search, trials: Sequence[Trial], target: str) -> FloatArray:
-    """(n,) effect of each trial's day on the target; 0 where it has no outcome, or all are of one day."""
-    effects = np.zeros(len(trials))
-    rows = [i for i, t in enumerate(trials) if t.outcomes is not None]
-    days = np.array([trials[i].day for i in rows])
-    if len(np.unique(days)) > 1:
-        measured = [trials[i] for i in rows]
-        outcomes = np.array([[(t.outcomes or {})[target]] for t in measured])
-        effects[rows] = fit_days(kernel_inputs(optimiser, search, measured), outcomes, days).effect[:, 0]
-    return effects
 
 
 def results_of(

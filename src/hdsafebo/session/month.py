@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from hdsafebo.session.believed import believed_best
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
 from hdsafebo.session.emg import activation
 from hdsafebo.session.errors import ProtocolError, SessionError
@@ -204,10 +205,11 @@ def _start_trial(session: Session, number: int) -> None:
 
 
 def _therapist_point(session: Session) -> Point:
-    """The best configuration so far for the target at the highest permitted current not above its own."""
-    best = session.best()
-    if best is None:
+    """What is believed best so far for the target, at the highest permitted current not above its own."""
+    believed = believed_best(session)
+    if session.state.target not in believed:
         raise SessionError("no safe trial is known; a therapist would not start")
+    best, _ = believed[session.state.target]
     definition = session.definition
     assert isinstance(definition, StimulationDefinition)
     for current in reversed(definition.priors.currents_ma):

@@ -22,6 +22,7 @@ from hdsafebo.session.chain import Entry
 from hdsafebo.session.definition import parse_definition
 from hdsafebo.session.errors import ExpiredError, ProtocolError, RecordingError, SessionError
 from hdsafebo.session.files import make_search, make_space, stored_files
+from hdsafebo.session.search import Search
 from hdsafebo.session.space import Report
 from hdsafebo.session.state import Point, State, Suggestion, Trial
 from hdsafebo.session.store import Act, Clock, MovedOnError, Store, utc_now
@@ -260,11 +261,16 @@ class Session:
 
     def new_advisor(self) -> Advisor:
         """An optimiser that has not followed any of the log yet."""
-        return Advisor(
-            self.definition, make_search(self.definition, stored_files(self.store, self.state.files))
-        )
+        return Advisor(self.definition, self._new_search())
+
+    def search(self) -> Search:
+        """The permitted inputs as an optimiser sees them."""
+        return self._new_search() if self._advisor is None else self._advisor.search
 
     # --- internals
+
+    def _new_search(self) -> Search:
+        return make_search(self.definition, stored_files(self.store, self.state.files))
 
     def _suggest_once(self, person: str) -> Suggestion:
         advisor = self.advisor()

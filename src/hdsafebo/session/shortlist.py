@@ -4,9 +4,15 @@ What differs from the local variant, whose rounds are batches and whose outcomes
 
 * The best trial is the one that the model believes best. The highest single outcome among noisy ones is the
   luckiest.
-* Every few rounds the posterior mean is computed over many rows of the set; the best of those that are
-  believed safe are the shortlist. Each round chooses among the shortlist and a few rows from elsewhere, all
-  believed safe: either the highest posterior mean, or the highest of a posterior sample (Thompson sampling).
+* A part of the trials are neighbours of the trials believed best: inputs that differ in one thing.
+* The others come from a shortlist. Every few rounds the posterior mean is computed over many rows of the set;
+  the best of those that are believed safe are the shortlist; a few rows from elsewhere join it each round.
+
+Outcomes drift from day to day. The target's model is fitted to outcomes less the effects of their days (see
+`days`).
+
+Either way only rows that are believed safe are chosen, by the highest posterior mean or by the highest value
+of a posterior sample (Thompson sampling).
 """
 
 from __future__ import annotations
@@ -18,11 +24,22 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from hdsafebo.errors import ProblemError
+from hdsafebo.gp_fit import LengthScaleLimits
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.empty_set import complete_batch
 from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.problem import FloatArray, IntArray, Trials
 from hdsafebo.sampling import thompson_sample
+from hdsafebo.session.days import GRID, fit_days
+from hdsafebo.session.finite_set import FiniteSet
+from hdsafebo.surrogate import (
+    DistanceCache,
+    Surrogate,
+    SurrogateState,
+    fit_surrogate,
+    modelled_safety,
+    modelled_thresholds,
+)
 
 _CHECKED = 4  # how many times the shortlist's length is checked for safety, best first
 
@@ -36,6 +53,8 @@ class ShortlistSettings(OptimizerSettings):
         shortlist: its length.
         every: rounds from one shortlist to the next.
         elsewhere: rows drawn from the whole set each round.
+        local: share of the trials that are neighbours of the best.
+        centres: how many best trials have their neighbours considered.
         exploit: share of the trials that take the highest posterior mean.
     """
 
@@ -44,6 +63,8 @@ class ShortlistSettings(OptimizerSettings):
     shortlist: int = Field(default=1000, ge=1)
     every: int = Field(default=6, ge=1)
     elsewhere: int = Field(default=400, ge=1)
+    local: float = Field(default=0.5, ge=0, le=1)
+    centres: int = Field(default=3, ge=1)
     exploit: float = Field(default=0.6, ge=0, le=1)
 
 
@@ -56,32 +77,92 @@ class HdSafeBOShortlist(Optimizer):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        if self.problem.candidates is None:
-            raise ProblemError(f"{self.name} searches a finite set; {self.problem.name!r} has none")
+        if not isinstance(self.problem.candidates, FiniteSet):
+            raise ProblemError(
+                f"{self.name} searches the finite set of a session; {self.problem.name!r} has none"
+            )
         self._set = self.problem.candidates
         self._rows = np.empty(0, np.int64)
         self._made: int | None = None  # round in which the shortlist was made
+        self._days = np.empty(0, np.int64)
+        self._theta = GRID[len(GRID) // 2]  # of the model of days, chosen with each shortlist
+        self.today = 0
+
+    @property
+    def days(self) -> IntArray:
+        """(n,) day of every trial; those added since it was last set are of `today`."""
+        missing = len(self.trials) - len(self._days)
+        return np.concatenate([self._days, np.full(missing, self.today)])
+
+    @days.setter
+    def days(self, days: IntArray) -> None:
+        self._days = days
+
+    def _fit(self, start: SurrogateState | None, cache: DistanceCache) -> Surrogate:
+        trials, days = self.trials[self.rows_to_fit()], self.days[self.rows_to_fit()]
+        if len(np.unique(days)) < 2:
+            return super()._fit(start, cache)
+        inputs = self.kernel_inputs(trials)
+        model = fit_days(inputs, trials.objective[:, None], days, (self._theta,))
+        return fit_surrogate(
+            inputs,
+            trials.objective - model.effect[:, 0],
+            modelled_safety(self.problem.safety, trials.safety),
+            modelled_thresholds(self.problem.safety),
+            start=start,
+            cache=cache,
+            limits=LengthScaleLimits(self.settings.shortest_length_scale, self.settings.longest_length_scale),
+        )
+
+    def _choose_theta(self) -> None:
+        """Hyper-parameters of the model of days from the present data; the surrogate is fitted anew."""
+        rows = self.rows_to_fit()
+        trials, days = self.trials[rows], self.days[rows]
+        if len(np.unique(days)) > 1:
+            self._theta = fit_days(self.kernel_inputs(trials), trials.objective[:, None], days).theta[0]
+            self._fits.forget()
 
     def propose(self, n: int) -> Proposal:
-        """Rows of the shortlist and of elsewhere, believed safe."""
+        """Rows believed safe, near the best trials or of the shortlist."""
         self.centre_row()  # abstains where nothing safe is known
         free = np.ones(len(self._set.features), bool)
         free[self.taken] = False
         if self._made is None or self.round - self._made >= self.settings.every:
+            self._choose_theta()
             self._rows, self._made = self._scan(), self.round
+        if self.rng.random() < self.settings.local:
+            rows = self._neighbours()
+            rows, safe = self._believed(rows[free[rows]])
+            if safe.any():
+                return Proposal(rows=rows[self._choose(np.flatnonzero(safe), rows, n)])
         left = np.flatnonzero(free)
         elsewhere = self.rng.choice(left, min(self.settings.elsewhere, len(left)), replace=False)
-        rows = np.union1d(self._rows[free[self._rows]], elsewhere)
-        inputs = self._set.features[rows]
-        safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
-        chosen = self._choose(np.flatnonzero(safe), inputs, n)
-        chosen = complete_batch(chosen, n, inputs, self.surrogate, self.settings.empty_safe_set)
+        rows, safe = self._believed(np.union1d(self._rows[free[self._rows]], elsewhere))
+        chosen = complete_batch(
+            self._choose(np.flatnonzero(safe), rows, n),
+            n,
+            self._set.features[rows],
+            self.surrogate,
+            self.settings.empty_safe_set,
+        )
         return Proposal(rows=rows[chosen], marked_unsafe=~safe[chosen])
 
-    def _choose(self, safe: IntArray, inputs: FloatArray, n: int) -> IntArray:
-        """Up to n of the rows believed safe: by the mean, or by posterior samples."""
+    def _believed(self, rows: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
+        """The rows, and True for those that are believed safe."""
+        return rows, self.surrogate.believed_safe(self._set.features[rows], self.settings.confidence)
+
+    def _neighbours(self) -> IntArray:
+        """Rows next to the safe trials of the highest posterior means."""
+        rows = np.unique(self.trials.candidate[self.feasible])
+        mean = self.surrogate.objective.predict_mean(self._set.features[rows])
+        best = rows[np.argsort(-mean, kind="stable")[: self.settings.centres]]
+        return np.unique(np.concatenate([best[:0], *(self._set.neighbours(int(row)) for row in best)]))
+
+    def _choose(self, safe: IntArray, rows: IntArray, n: int) -> IntArray:
+        """Up to n of the positions of rows believed safe: by the mean, or by posterior samples."""
         if len(safe) <= n:
             return safe
+        inputs = self._set.features[rows]
         if self.rng.random() < self.settings.exploit:
             mean = self.surrogate.objective.predict_mean(inputs[safe])
             return safe[np.argsort(-mean, kind="stable")[:n]]
@@ -117,9 +198,12 @@ class HdSafeBOShortlist(Optimizer):
         return np.flatnonzero(mask)
 
     def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """The shortlist and when it was made."""
-        return {"made": self._made}, {"rows": self._rows}
+        """The shortlist and when it was made; the days and their model."""
+        state = {"made": self._made, "theta": self._theta, "today": self.today}
+        return state, {"rows": self._rows, "days": self.days}
 
     def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take back what `method_state` gave."""
-        self._made, self._rows = state["made"], arrays["rows"]
+        self._made, self.today = state["made"], state["today"]
+        self._theta = tuple(state["theta"])
+        self._rows, self._days = arrays["rows"], arrays["days"]

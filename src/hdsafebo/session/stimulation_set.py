@@ -25,6 +25,7 @@ from hdsafebo.spinal.field_map import PIXELS, REFERENCE_CURRENT_MA, field_maps, 
 from hdsafebo.spinal.nearest import NearestMap
 
 MAX_CONFIGURATIONS = 100_000
+_LEVELS = 2  # currents to either side that count as neighbouring
 
 
 class StimulationSet(FiniteSet):
@@ -77,6 +78,15 @@ class StimulationSet(FiniteSet):
             return np.empty(0, np.int64)
         levels = np.flatnonzero(self.currents_ma >= point[CURRENT_COLUMN])
         return configuration * len(self.currents_ma) + levels
+
+    def neighbours(self, row: int) -> IntArray:
+        """At most one contact more or less, and at most two currents higher or lower."""
+        point = self.point(row)
+        changed = np.abs(self.polarity - np.array(point["polarity"], np.int8)).sum(axis=1)
+        level = int(np.searchsorted(self.currents_ma, point[CURRENT_COLUMN]))
+        levels = np.arange(max(level - _LEVELS, 0), min(level + _LEVELS + 1, len(self.currents_ma)))
+        rows = np.flatnonzero(changed <= 1)[:, None] * len(self.currents_ma) + levels
+        return np.asarray(rows.ravel(), np.int64)
 
     @cached_property
     def _nearest(self) -> NearestMap:
