@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -82,6 +83,9 @@ def test_comparison_is_among_safe_methods() -> None:
     text = upright_finding([calm, bold])
     assert "HdSafeBO-local has the highest mean return (5.00)" in text
     assert "9.0" not in text
+    assert "Fewest trials until upright: HdSafeBO-local (11.0)" in text
+    tied = upright_finding([calm, replace(calm, method="sobol")])
+    assert "Fewest trials until upright: HdSafeBO-local and Sobol search (11.0)" in tied
     assert isinstance(bold, Upright)
     assert not bold.safe_enough
     assert upright_finding([bold]) == "No method has a mean Safety of 0.95."

@@ -102,7 +102,8 @@ def upright_table(found: list[Upright]) -> Table:
     caption = (
         "Does the best safe policy do the task? Upright: the mean tilt of its last 20 steps is at most "
         "0.35 rad and the hand holds the bottle. Trials until the best safe policy so far ends upright "
-        "include the initial ones; a run that does not get there counts with all its trials. "
+        "include the initial ones, so their number means that the best of them already does; a run that "
+        "does not get there counts with all its trials. "
         "Held: share of the optimised trials in which the bottle was not dropped."
     )
     columns = ["Method", "Ends upright", "Return ↑", "Safety ↑", "Held ↑", "Trials until upright ↓"]
@@ -115,10 +116,12 @@ def upright_finding(found: list[Upright]) -> str:
     if not safe:
         return f"No method has a mean Safety of {SAFE_ENOUGH}."
     best = max(safe, key=lambda row: row.objective.mean)
-    first = min(safe, key=lambda row: row.trials.mean)
+    fewest = min(row.trials.mean for row in safe)
+    first = [row for row in safe if row.trials.mean == fewest]
+    soonest = " and ".join(style(row.method).label for row in first)
     names = ", ".join(f"{style(row.method).label} {number(row.safety.mean)}" for row in safe)
     return (
         f"Safety of at least {SAFE_ENOUGH}: {names}. Among these {style(best.method).label} has the highest "
-        f"mean return ({with_error(best.objective)}) and {style(first.method).label} needs the fewest trials "
-        f"until upright ({with_error(first.trials)})."
+        f"mean return ({with_error(best.objective)}). Fewest trials until upright: {soonest} "
+        f"({with_error(first[0].trials)})."
     )
