@@ -114,7 +114,7 @@ def test_a_second_repro_runs_nothing(finished: Path) -> None:
     [
         ("tasks.hand.budget.batch", 4, {"optimize_hand@", "report"}),
         ("tasks.synthetic.problem.threshold", -0.5, {"optimize_synthetic@", "report"}),
-        ("isometry.points", 1000, {"check_isometry"}),
+        ("isometry.points", 1000, {"check_isometry", "report"}),
         ("report.confidence", 0.9, {"report"}),
         (
             "methods.sobol",
