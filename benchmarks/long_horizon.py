@@ -130,14 +130,14 @@ def compare(seeds: list[int], trials: int, most: int) -> dict[str, Any]:
             }
             table[name].append(row)
             print(f"{name:8s} {json.dumps(row)}", flush=True)
-    differences = [
-        b["objective"] - e["objective"] for b, e in zip(table["bounded"], table["exact"], strict=True)
-    ]
+    pairs = zip(table["bounded"], table["exact"], strict=True)
+    differences = np.array([bounded["objective"] - exact["objective"] for bounded, exact in pairs])
     return {
         "trials": trials,
         "max_fitted_trials": most,
         **table,
-        "objective_difference": float(np.mean(differences)),
+        "objective_difference": float(differences.mean()),
+        "objective_difference_se": float(differences.std(ddof=1) / np.sqrt(len(differences))),
     }
 
 
@@ -149,11 +149,15 @@ def main() -> None:
     parser.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS), help="default: both")
     parser.add_argument("--most", type=int, default=200, help="max_fitted_trials (default: 200)")
     parser.add_argument("--trials", type=int, default=10_000, help="of the long run (default: 10000)")
-    parser.add_argument(
-        "--early", type=int, default=1_000, help="of the first timing (default: 1000)"
-    )
+    parser.add_argument("--early", type=int, default=1_000, help="of the first timing (default: 1000)")
     parser.add_argument("--compared", type=int, default=600, help="in the comparison (default: 600)")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1000, 1001, 1002], help="of the comparison")
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        nargs="+",
+        default=list(range(1000, 1010)),
+        help="of the comparison, the first that of the long run (default: 1000 to 1009)",
+    )
     parser.add_argument("--write", action="store_true", help=f"write {OUTPUT.name} with the other benchmarks")
     arguments = parser.parse_args()
     result: dict[str, Any] = {"method": METHOD, "dimension": DIMENSION, "batch": BATCH, "initial": INITIAL}
