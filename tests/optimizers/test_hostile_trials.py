@@ -53,7 +53,9 @@ POINTS = st.one_of(
     st.builds(lambda n, d, v: np.full((n, d), v), st.integers(0, 3), st.integers(0, 3), st.floats()),
 )
 ROWS = st.none() | st.lists(st.integers(-2, 1), max_size=3) | st.sampled_from([[0.5], ["a"], -1, [[-1]]])
-MOSTLY_FINITE = st.one_of(*[st.floats(-1, 1)] * 6, st.floats())
+MOSTLY_FINITE = st.integers(0, 15).flatmap(
+    lambda k: st.floats(-1, 1) if k else st.sampled_from([np.nan, np.inf, -np.inf])
+)
 SHAPED = st.tuples(  # of the right shape for up to four trials, whatever the values
     st.lists(MOSTLY_FINITE, min_size=4, max_size=4),
     st.lists(st.lists(MOSTLY_FINITE, min_size=2, max_size=2), min_size=4, max_size=4),
@@ -68,7 +70,7 @@ ACTIONS = st.one_of(
     st.tuples(st.just("observe"), POINTS, st.tuples(arrays(), SAFETY, STATES), ROWS),
     st.tuples(st.just("tell"), st.lists(st.integers(-1, 4), min_size=1, max_size=3), SHAPED),
     st.tuples(st.just("tell last"), st.none(), SHAPED),
-    st.tuples(st.just("observe"), POINTS, SHAPED, ROWS),
+    st.tuples(st.just("observe"), st.integers(1, 3).map(lambda n: np.full((n, 2), 0.3)), SHAPED, st.none()),
 )
 
 
@@ -119,9 +121,9 @@ def test_three_hundred_ways_to_use_the_interface(actions: list[tuple[Any, ...]])
     safety = (Safety("one", 0.0), Safety("two", -0.5))
     problem = FunctionProblem(lambda x: (x.sum(axis=1), x), bounds=[[0.0] * 2, [1.0] * 2], safety=safety)
     made = Sobol(problem, seed=0)
-    last = made.ask(2)
+    made.ask(2)
     made.tell([0], [0.5], [[0.1, 0.2]])
-    first = made.trials
+    first, last = made.trials, made.ask(3)
     for action in actions:
         before = made.trials
         try:
