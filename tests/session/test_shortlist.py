@@ -38,7 +38,7 @@ def test_it_climbs_within_the_safe_set(make_session: Callable[..., Session]) -> 
     assert best is not None
     assert (best.outcomes or {})["speed"] > (start.outcomes or {})["speed"]
     assert sum(bowl(p)["margin"] < 0 for p in points) <= 1
-    assert np.mean([bowl(p)["speed"] for p in points[10:]]) > np.mean([bowl(p)["speed"] for p in points[:5]])
+    assert (best.outcomes or {})["speed"] >= 0.98
     assert promised(session)["alpha"] == pytest.approx(0.99)
 
 

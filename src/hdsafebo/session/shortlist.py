@@ -30,7 +30,7 @@ from hdsafebo.optimizers.empty_set import complete_batch
 from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.problem import FloatArray, IntArray, Trials
 from hdsafebo.sampling import thompson_sample
-from hdsafebo.session.days import GRID, fit_days
+from hdsafebo.session.days import fit_days
 from hdsafebo.session.finite_set import FiniteSet
 from hdsafebo.surrogate import (
     DistanceCache,
@@ -85,7 +85,7 @@ class HdSafeBOShortlist(Optimizer):
         self._rows = np.empty(0, np.int64)
         self._made: int | None = None  # round in which the shortlist was made
         self._days = np.empty(0, np.int64)
-        self._theta = GRID[len(GRID) // 2]  # of the model of days, chosen with each shortlist
+        self._theta = (1.0, 0.1, 0.1)  # of the model of days; chosen anew with each shortlist
         self.today = 0
 
     @property
