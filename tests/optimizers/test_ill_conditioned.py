@@ -48,7 +48,10 @@ def check_believed_safe_or_marked(optimizer: Optimizer, trials: Trials) -> None:
     for column in ("x", "z", "predicted_safe_probability", "violation_bound"):
         assert np.isfinite(getattr(trials, column)).all(), column
     slack = (mean + beta * deviation - surrogate.thresholds) / [g.signal_deviation for g in surrogate.safety]
-    unfiltered = ~trials.marked_unsafe & (slack.min(axis=1) < -1e-3)
+    # Far from zero a proposed point is rounded, by more than nothing in units of the length scale.
+    rounding = np.finfo(float).eps * np.abs(trials.z).max(axis=1) / optimizer.space.width.max()
+    tolerance = 1e-3 + 20 * rounding / surrogate.length_scale
+    unfiltered = ~trials.marked_unsafe & (slack.min(axis=1) < -tolerance)
     assert not unfiltered.any(), slack[unfiltered]
 
 
