@@ -66,6 +66,7 @@ def test_the_optimisers_model_is_without_the_days_effect(make_session: Callable[
     assert isinstance(optimiser, HdSafeBOShortlist)
     later = np.array([t.day == 2 for t in session.state.trials])
     np.testing.assert_array_equal(optimiser.days == 2, later)
+    optimiser._choose_theta()
     fitted = optimiser.surrogate.objective
     told = fitted.outcomes.restore(fitted.values)
     effect = optimiser.trials.objective - told

@@ -85,7 +85,7 @@ class HdSafeBOShortlist(Optimizer):
         self._rows = np.empty(0, np.int64)
         self._made: int | None = None  # round in which the shortlist was made
         self._days = np.empty(0, np.int64)
-        self._theta = (1.0, 0.1, 0.1)  # of the model of days; chosen anew with each shortlist
+        self._theta = (1.0, 0.1, 0.0)  # of the model of days; chosen anew with each shortlist, none before
         self.today = 0
 
     @property
