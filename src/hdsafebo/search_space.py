@@ -63,6 +63,10 @@ class SearchSpace:
         """(n, d) codes of unit-cube coordinates, rounded into the box."""
         return np.asarray(np.clip(self.lower + u * self.width, self.lower, self.lower + self.width))
 
+    def pinned(self, u: FloatArray) -> FloatArray:
+        """(n, d) points of the unit cube at 0 in dimensions of zero width, where `to_code` puts them."""
+        return u if (self.width > 0).all() else np.where(self.width > 0, u, 0.0)
+
     def kernel_inputs(self, u: FloatArray) -> FloatArray:
         """(n, d) what the kernel measures distances between."""
         return u * self.metric

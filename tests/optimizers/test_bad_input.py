@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import NoSafePointError, ParamsError, ProblemError, TrialError
+from hdsafebo.optimizers.config import Config
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
 from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
+from hdsafebo.optimizers.linebo import LineBO
 from hdsafebo.problem import FunctionProblem, Safety
 from optimizers.toy import bowl, bowl_problem, observe_initial, rows_problem, run_rounds
 
@@ -166,6 +168,20 @@ def test_a_dimension_of_zero_width_stays_fixed(method) -> None:
     observe_initial(made)
     run_rounds(made, 3)
     np.testing.assert_array_equal(made.trials.x[:, 2], 0.4)
+
+
+@pytest.mark.parametrize("method", [HdSafeBO, HdSafeBOLocal, Config, LineBO])
+def test_safety_is_judged_where_a_dimension_of_zero_width_is_fixed(method) -> None:
+    """Initial trials vary in the fixed dimension, so what is believed depends on where it is fixed."""
+    bounds = np.stack([np.zeros(4), np.ones(4)])
+    bounds[:, 2] = 0.4
+    for seed in range(3):
+        made = method(bowl_problem(), bounds=bounds, seed=seed, beta=-1.0)
+        observe_initial(made, seed=seed)
+        trials = made.ask(8)
+        np.testing.assert_array_equal(trials.z[:, 2], 0.4)
+        inputs = made.kernel_inputs(trials[~trials.marked_unsafe])
+        assert made.surrogate.believed_safe(inputs, made.settings.confidence).all()
 
 
 @pytest.mark.parametrize("method", METHODS)

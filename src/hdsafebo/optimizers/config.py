@@ -39,7 +39,7 @@ class Config(Optimizer):
         """n Thompson samples over the optimistic feasible set of the whole box."""
         d = self.space.dimension
         count = self.settings.candidates or min(5000, max(2000, 200 * d))
-        points = sobol_points(max(count, n), d, self.rng)
+        points = self.space.pinned(sobol_points(max(count, n), d, self.rng))
         inputs = self.space.kernel_inputs(points)
         feasible = self.surrogate.believed_safe(inputs, self.settings.confidence)
         chosen = np.flatnonzero(feasible)

@@ -83,7 +83,7 @@ class HdSafeBO(Optimizer):
         beta = self.settings.confidence
         length = self.region.length
         while True:
-            candidates = self._candidates(centre, *self._box(centre, length))
+            candidates = self.space.pinned(self._candidates(centre, *self._box(centre, length)))
             inputs = self.space.kernel_inputs(candidates)
             safe = self.surrogate.believed_safe(inputs, beta)
             if safe.sum() >= n or length <= self.settings.length_min or not self.settings.local:

@@ -197,7 +197,7 @@ class HdSafeBOLocal(Optimizer):
         if self._metric is None:
             d = self.space.dimension
             if self.problem.features is None:
-                self._metric = Metric(self.space.metric, np.zeros(d))
+                self._metric = Metric(np.where(self.space.width > 0, self.space.metric, 0.0), np.zeros(d))
             else:
                 corners = self._features(np.concatenate([np.zeros((1, d)), np.eye(d)]))
                 self._metric = Metric((corners[1:] - corners[0]).T, corners[0])

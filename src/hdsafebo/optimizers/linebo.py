@@ -45,7 +45,7 @@ class LineBO(Optimizer):
     def propose(self, n: int) -> Proposal:
         """n points of one line."""
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
-        line = self._line(centre, max(self.settings.candidates, n))
+        line = self.space.pinned(self._line(centre, max(self.settings.candidates, n)))
         inputs = self.space.kernel_inputs(line)
         safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
         chosen = np.flatnonzero(safe)

@@ -64,7 +64,7 @@ class SafeOpt(Optimizer):
         points, rows = self._discretisation()
         seeds = np.empty((0, self.space.dimension))
         if rows is None:
-            seeds = np.clip(self.space.to_unit(self.trials.z[self.feasible]), 0.0, 1.0)
+            seeds = self.space.pinned(np.clip(self.space.to_unit(self.trials.z[self.feasible]), 0.0, 1.0))
         everything = np.vstack([points, seeds])
         inputs = self.space.kernel_inputs(everything)
         safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
@@ -93,7 +93,7 @@ class SafeOpt(Optimizer):
         rng = np.random.default_rng(self._seed)
         candidates = self.problem.candidates
         if candidates is None:
-            return sobol_points(self.settings.grid, self.space.dimension, rng), None
+            return self.space.pinned(sobol_points(self.settings.grid, self.space.dimension, rng)), None
         total = len(candidates.features)
         rows = rng.permutation(total)[: self.settings.grid]
         free = np.setdiff1d(rows, self.taken)
