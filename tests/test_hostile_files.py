@@ -162,6 +162,8 @@ BOMBS: list[tuple[str, str, Callable[[Path], None], str]] = [
     ("synergies", "", _tensor_bomb, "cannot be read as synergies"),
     ("synergies", "", _header_bomb, "cannot be read as synergies"),
     ("digits", ".gz", _gzip_bomb, "more than 200000000 bytes, expected an MNIST-sized file"),
+    ("params", "", _laughs, "more than 100000 keys and values"),
+    ("params", "", _sparse, "1099511627776 bytes, expected at most"),
     ("session file", "", _laughs, "more than 100000 keys and values"),
     ("session file", "", _sparse, "1099511627776 bytes, expected at most"),
     ("initial trials", "", _sparse, "1099511627776 bytes, expected at most"),

@@ -25,6 +25,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     except HdSafeBOError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(1) from None
+    except OSError as error:  # a disk that is full or read-only, a file that may not be read
+        place = "" if error.filename is None else f"{error.filename}: "
+        print(f"error: {place}{error.strerror or error}", file=sys.stderr)
+        raise SystemExit(1) from None
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from safetensors import SafetensorError
+
 from hdsafebo.campaign.tracking import Tracker, track_stage
 from hdsafebo.errors import HdSafeBOError, ParamsError, UnknownNameError
 from hdsafebo.params import Params, load_params
@@ -39,10 +41,11 @@ class Stage:
         self.root = root
         self.options = options
         self.tracker = tracker
+        self.last_path = root
 
     def path(self, relative: str) -> Path:
         """A path below the project's directory; its parent directories are made."""
-        path = self.root / relative
+        path = self.last_path = self.root / relative
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
@@ -93,16 +96,26 @@ def run_stage(
     arguments = parser.parse_args(argv)
     root = arguments.root.resolve()
     start = time.perf_counter()
+    stage = None
     try:
         params = load_params(arguments.params or root / "params.yaml")
         tracked = {block: lookup(params, block) for block in blocks}
         with track_stage(name, tracked, root, enabled=params.tracking.enabled) as tracker:
-            main(Stage(name, params, root, arguments, tracker))
+            stage = Stage(name, params, root, arguments, tracker)
+            main(stage)
     except (ParamsError, UnknownNameError) as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(EXIT_BAD_INPUT) from None
     except HdSafeBOError as error:
         print(f"error in stage {name}: {error}", file=sys.stderr)
+        raise SystemExit(EXIT_FAILED) from None
+    except (OSError, SafetensorError) as error:  # a disk that is full or read-only; writers seldom say where
+        place = getattr(error, "filename", None) or (stage.last_path if stage else root)
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        print(
+            f"error in stage {name}: {place}: {reason}; start again when it can be written",
+            file=sys.stderr,
+        )
         raise SystemExit(EXIT_FAILED) from None
     seconds = time.perf_counter() - start
     _record_cost(root, params.profile, name, arguments, seconds)

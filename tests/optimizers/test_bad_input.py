@@ -254,3 +254,31 @@ def test_ill_natured_data(method, x, objective, safety) -> None:
         assert np.isfinite(trials.predicted_safe_probability).all()
         made.tell(trials, *bowl(trials.x))
     assert made.trials.completed.all()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        [10**400, 0.0],
+        np.array([1j, 0.0]),
+        np.array(["2020-01-01", "2020-01-02"], "M8[D]"),
+        np.ma.masked_array([1.0, 2.0], [True, False]),
+        ["1.5", "2"],
+        [b"1", b"2"],
+        np.zeros(2, [("a", float)]),
+        [[0.0, 1.0], [2.0]],
+    ],
+    ids=["huge", "complex", "dates", "masked", "text", "bytes", "records", "ragged"],
+)
+@pytest.mark.parametrize("where", ["objective", "safety", "x", "status", "candidate"])
+def test_what_is_no_number_is_not_made_one(values, where: str) -> None:
+    made = HdSafeBO(bowl_problem())
+    given = {"x": np.zeros((2, 4)), "objective": [0.0, 0.0], "safety": [0.0, 0.0]} | {where: values}
+    with pytest.raises(TrialError, match=where):
+        made.observe(**given)
+    assert len(made.trials) == 0
+
+
+def test_ids_of_different_lengths() -> None:
+    with pytest.raises(TrialError, match="list of their ids"):
+        HdSafeBO(bowl_problem()).tell([[0, 1], [2]], [0.0], [0.0])

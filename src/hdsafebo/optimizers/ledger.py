@@ -41,7 +41,12 @@ class Ledger:
         Raises:
             TrialError: an id that is not in the table, or trials whose inputs differ from those in the table.
         """
-        given = trials.id if isinstance(trials, Trials) else np.asarray(trials)
+        try:
+            given = trials.id if isinstance(trials, Trials) else np.asarray(trials)
+        except ValueError:
+            raise TrialError(
+                f"trials are {trials!r}; expected trials from ask, or a list of their ids"
+            ) from None
         if given.ndim != 1 or not (np.issubdtype(given.dtype, np.integer) or len(given) == 0):
             raise TrialError(f"trials are {given!r}; expected trials from ask, or a list of their ids")
         unknown = given[(given < 0) | (given >= len(self.trials))]

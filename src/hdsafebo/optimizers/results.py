@@ -80,7 +80,7 @@ def check_rows(problem: Problem, candidate: ArrayLike | None, n: int) -> IntArra
         TrialError: another shape or type, or a row that does not exist.
     """
     total = 0 if problem.candidates is None else len(problem.candidates.features)
-    rows = np.full(n, -1) if candidate is None else np.asarray(candidate)
+    rows = np.full(n, -1) if candidate is None else _integers(candidate, "candidate")
     if rows.shape != (n,) or not np.issubdtype(rows.dtype, np.integer):
         raise TrialError(
             f"candidate has shape {rows.shape} and type {rows.dtype}; expected ({n},) whole numbers"
@@ -91,17 +91,33 @@ def check_rows(problem: Problem, candidate: ArrayLike | None, n: int) -> IntArra
 
 
 def _numbers(values: ArrayLike, name: str) -> FloatArray:
+    """As floats, where that is no guess: text, dates, complex and masked values are refused."""
     try:
-        return np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
+        given = np.asanyarray(values)
+        if given.size and (given.dtype.kind not in "biufO" or np.ma.is_masked(given)):
+            what = "masked values" if np.ma.is_masked(given) else f"type {given.dtype}"
+            raise TrialError(f"{name} is not an array of numbers: it has {what}")
+        return np.array(given, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
         raise TrialError(f"{name} is not an array of numbers: {error}") from None
+
+
+def _integers(values: ArrayLike, name: str) -> NDArray:
+    """As an array of whole numbers or of nothing."""
+    try:
+        given = np.asarray(values)
+    except ValueError:
+        raise TrialError(f"{name} has rows of different lengths") from None
+    if given.size and given.dtype.kind not in "iu":
+        raise TrialError(f"{name} is {str(values)[:80]}, type {given.dtype}; expected whole numbers")
+    return given
 
 
 def _states(status: ArrayLike | None, n: int) -> NDArray[np.uint8]:
     if status is None:
         return np.full(n, Status.COMPLETED, np.uint8)
     try:
-        given = np.broadcast_to(np.asarray(status), (n,))
+        given = np.broadcast_to(_integers(status, "status"), (n,))
     except ValueError:
         raise TrialError(f"status has shape {np.shape(status)}; expected ({n},)") from None
     if not np.isin(given, [Status.COMPLETED, Status.FAILED]).all():

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from hdsafebo.errors import ParamsError
 from hdsafebo.params.model import Params
+from hdsafebo.params.yaml_file import read_mapping
 
 
 def load_params(path: Path) -> Params:
@@ -22,15 +22,7 @@ def load_params(path: Path) -> Params:
         ParamsError: the file is missing, is no YAML mapping, or a key is unknown, of the wrong type
             or out of range. The message names file, key, value and what was expected.
     """
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise ParamsError(f"{path}: no such file") from error
-    except (OSError, UnicodeDecodeError, ValueError, yaml.YAMLError, RecursionError) as error:
-        raise ParamsError(f"{path}: cannot be read as YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(data, dict):
-        raise ParamsError(f"{path}: expected a mapping of blocks, got {type(data).__name__}")
-    return parse_params(data, source=str(path))
+    return parse_params(read_mapping(path, ParamsError), source=str(path))
 
 
 def parse_params(data: dict[str, Any], *, source: str = "params") -> Params:

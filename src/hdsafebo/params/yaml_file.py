@@ -56,10 +56,11 @@ def read_mapping(path: Path, error: type[HdSafeBOError]) -> dict[str, Any]:
 
 
 class _Fault(Exception):
-    """What is wrong with a node of well-formed YAML."""
+    """What is wrong with a node of well-formed YAML; `key` is that of the mapping that holds the node."""
 
-    def __init__(self, node: yaml.Node, what: str) -> None:
-        super().__init__(f"line {node.start_mark.line + 1}: {what}")
+    def __init__(self, node: yaml.Node, what: str, key: str | None) -> None:
+        place = f"line {node.start_mark.line + 1}"
+        super().__init__(f"{place}: {what}" if key is None else f"{place}, key {key[:80]!r}: {what}")
 
 
 def _plain_data(text: str) -> Any:
@@ -68,58 +69,63 @@ def _plain_data(text: str) -> Any:
         node = loader.get_single_node()
         if node is None:
             return None
-        _check(node, loader, {}, set())
+        _check(node, None, loader, {}, set())
         return loader.construct_document(node)
     finally:
         loader.dispose()
 
 
 def _check(
-    node: yaml.Node, loader: yaml.SafeLoader, sizes: dict[yaml.Node, int], within: set[yaml.Node]
+    node: yaml.Node,
+    key: str | None,
+    loader: yaml.SafeLoader,
+    sizes: dict[yaml.Node, int],
+    within: set[yaml.Node],
 ) -> int:
     """Number of keys and values that a node stands for, aliases written out.
 
     Args:
         node: it.
+        key: under which it stands; None at the top.
         loader: constructs scalars.
         sizes: of the nodes that were checked before; an alias is the node that it stands for.
         within: the nodes that contain this one.
     """
     if node in within:
-        raise _Fault(node, "a value that contains itself")
+        raise _Fault(node, "a value that contains itself", key)
     if len(within) > MAX_DEPTH:
-        raise _Fault(node, f"nested more than {MAX_DEPTH} levels deep")
+        raise _Fault(node, f"nested more than {MAX_DEPTH} levels deep", key)
     if node in sizes:
         return sizes[node]
     within.add(node)
     size = 1
-    for part in _parts(node, loader):
-        size += _check(part, loader, sizes, within)
+    for name, part in _parts(node, key, loader):
+        size += _check(part, name, loader, sizes, within)
         if size > MAX_NODES:
-            raise _Fault(node, f"more than {MAX_NODES} keys and values, expected fewer")
+            raise _Fault(node, f"more than {MAX_NODES} keys and values, expected fewer", key)
     within.remove(node)
     sizes[node] = size
     return size
 
 
-def _parts(node: yaml.Node, loader: yaml.SafeLoader) -> list[yaml.Node]:
-    """Keys and values of a mapping, items of a sequence, nothing of a scalar; all checked by themselves."""
+def _parts(node: yaml.Node, key: str | None, loader: yaml.SafeLoader) -> list[tuple[str | None, yaml.Node]]:
+    """Keys and values of a mapping, items of a sequence, nothing of a scalar, each with its own key."""
     if isinstance(node, yaml.SequenceNode):
-        return list(node.value)
+        return [(key, item) for item in node.value]
     if not isinstance(node, yaml.MappingNode):
-        _check_scalar(node, loader)
+        _check_scalar(node, key, loader)
         return []
     seen: set[str] = set()
-    for key, _ in node.value:
-        if not isinstance(key, yaml.ScalarNode):
-            raise _Fault(key, "a list or mapping in the place of a key")
-        if key.value in seen:
-            raise _Fault(key, f"the key {key.value[:80]!r} appears twice")
-        seen.add(key.value)
-    return [part for pair in node.value for part in pair]
+    for name, _ in node.value:
+        if not isinstance(name, yaml.ScalarNode):
+            raise _Fault(name, "a list or mapping in the place of a key", key)
+        if name.value in seen:
+            raise _Fault(name, f"the key {name.value[:80]!r} appears twice", key)
+        seen.add(name.value)
+    return [(name.value, part) for name, value in node.value for part in (name, value)]
 
 
-def _check_scalar(node: yaml.Node, loader: yaml.SafeLoader) -> None:
+def _check_scalar(node: yaml.Node, key: str | None, loader: yaml.SafeLoader) -> None:
     if node.tag == _MERGE:
         return
     kind = node.tag.rpartition(":")[2]
@@ -128,8 +134,8 @@ def _check_scalar(node: yaml.Node, loader: yaml.SafeLoader) -> None:
         if isinstance(value, str):
             value.encode("utf-8")
     except UnicodeEncodeError:
-        raise _Fault(node, f"{node.value[:80]!r} is no valid text") from None
+        raise _Fault(node, f"{node.value[:80]!r} is no valid text", key) from None
     except (ValueError, KeyError, AttributeError):  # constructors of tagged values fail as they happen to
-        raise _Fault(node, f"{node.value[:80]!r} is no {kind}") from None
+        raise _Fault(node, f"{node.value[:80]!r} is no {kind}", key) from None
     if isinstance(value, int) and abs(value) > MAX_INTEGER:
-        raise _Fault(node, f"the integer {node.value[:80]} is beyond {MAX_INTEGER} in size")
+        raise _Fault(node, f"the integer {node.value[:80]} is beyond {MAX_INTEGER} in size", key)

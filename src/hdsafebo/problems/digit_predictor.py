@@ -102,6 +102,8 @@ class DigitPredictor:
                     raise DatasetError(f"{path}: format is {metadata.get('format')!r}, expected {_FORMAT!r}")
                 predictor = cls(int(json.loads(metadata["card"])["side"]))
                 state = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (no mapping)
+            if not all(bool(torch.isfinite(weight).all()) for weight in state.values()):
+                raise DatasetError(f"{path}: holds weights that are not finite")
             predictor._network.load_state_dict(state)
         except (OSError, SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
             raise DatasetError(f"{path}: not a digit predictor: {error}") from error

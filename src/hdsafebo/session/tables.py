@@ -7,6 +7,7 @@ import io
 from dataclasses import dataclass
 from pathlib import Path
 
+from hdsafebo.parquet_file import read_parquet
 from hdsafebo.session.errors import RecordingError
 
 MAX_BYTES = 64 * 2**20
@@ -105,28 +106,10 @@ def _read_csv(content: bytes, name: str) -> Table:
 
 
 def _read_parquet(content: bytes, name: str) -> Table:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        file = pq.ParquetFile(io.BytesIO(content))
-        cells = file.metadata.num_rows * file.metadata.num_columns
-        if cells > MAX_CELLS:
-            raise RecordingError(f"{name}: {cells} cells, expected at most {MAX_CELLS}")
-        columns = list(file.schema_arrow.names)
-        _check_header(columns, name)
-        for field in file.schema_arrow:
-            kinds = (pa.types.is_integer, pa.types.is_floating, pa.types.is_string, pa.types.is_null)
-            if not any(kind(field.type) for kind in kinds):
-                raise RecordingError(
-                    f"{name}: column {field.name} has type {field.type}, expected numbers or text"
-                )
-        data = file.read().to_pydict()
-    except (pa.ArrowException, OSError) as error:
-        raise RecordingError(f"{name}: no parquet file: {' '.join(str(error).split())[:200]}") from None
-    length = len(data[columns[0]]) if columns else 0
-    rows = [["" if data[c][i] is None else str(data[c][i]) for c in columns] for i in range(length)]
-    return Table(name, columns, rows, list(range(1, length + 1)))
+    table = read_parquet(io.BytesIO(content), name, RecordingError, max_cells=MAX_CELLS)
+    columns, data = table.column_names, table.to_pydict()
+    rows = [["" if data[c][i] is None else str(data[c][i]) for c in columns] for i in range(table.num_rows)]
+    return Table(name, columns, rows, list(range(1, len(rows) + 1)))
 
 
 def _check_header(columns: list[str], name: str) -> None:

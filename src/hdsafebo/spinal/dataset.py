@@ -90,7 +90,7 @@ def read_dataset(path: Path) -> pa.Table:
         table = pq.read_table(path)
     except FileNotFoundError as error:
         raise DatasetError(f"{path}: no such file; the stage traverse_stimulation writes it") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, pa.ArrowException) as error:
         raise DatasetError(f"{path}: not a parquet file: {error}") from error
     check_dataset(table, str(path))
     return table

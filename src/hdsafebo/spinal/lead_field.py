@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,7 +69,15 @@ class LeadField:
                 found = cls(**{name: file[name] for name in _ARRAYS})
         except FileNotFoundError as error:
             raise LeadFieldError(f"{path}: no such file; the stage solve_lead_field writes it") from error
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except (
+            OSError,
+            ValueError,
+            KeyError,
+            EOFError,
+            NotImplementedError,
+            zipfile.BadZipFile,
+            zlib.error,
+        ) as error:
             raise LeadFieldError(f"{path}: not a lead field: {error}") from error
         slices, nodes = found.x.shape if found.x.ndim == 2 else (0, 0)
         expected = {
