@@ -34,7 +34,10 @@ HOSTILE = {
     "no day": ("a: 2020-13-45", "'2020-13-45' is no timestamp"),
     "no number": ("a: !!float five", "'five' is no float"),
     "deep nesting": ("a: " + "[" * 1000 + "]" * 1000, "nested more than 50 levels deep"),
-    "deep blocks": ("\n".join(" " * n + "a:" for n in range(60)), "line 51, key 'a': nested more than 50 levels deep"),
+    "deep blocks": (
+        "\n".join(" " * n + "a:" for n in range(60)),
+        "line 51, key 'a': nested more than 50 levels deep",
+    ),
     "a Python object": ("a: !!python/object/apply:os.system ['touch executed']", "constructor for the tag"),
     "a Python module": ("a: !!python/module:antigravity", "constructor for the tag"),
     "two documents": ("a: 1\n---\na: 2\n", "expected a single document"),
