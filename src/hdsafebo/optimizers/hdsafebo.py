@@ -79,17 +79,17 @@ class HdSafeBO(Optimizer):
 
     def propose(self, n: int) -> Proposal:
         """Lines 5 to 8 of Algorithm 1, for a batch."""
-        centre = self.space.to_unit(self.trials.z[[self.centre_row()]])[0]
+        centre = self.space.to_unit(self.trials.z[[self.centre_row()]])[0]  # x*
         beta = self.settings.confidence
         length = self.region.length
         while True:
-            candidates = self.space.pinned(self._candidates(centre, *self._box(centre, length)))
+            candidates = self.space.pinned(self._candidates(centre, *self._box(centre, length)))  # line 6
             inputs = self.space.kernel_inputs(candidates)
-            safe = self.surrogate.believed_safe(inputs, beta)
+            safe = self.surrogate.believed_safe(inputs, beta)  # lines 5 and 7
             if safe.sum() >= n or length <= self.settings.length_min or not self.settings.local:
                 break
             length /= 2  # too few candidates are believed safe: look closer to the point that was safe
-        chosen = np.flatnonzero(safe)
+        chosen = np.flatnonzero(safe)  # line 8
         if len(chosen) > n:
             chosen = chosen[thompson_sample(self.surrogate.objective, inputs[chosen], n, self.rng)]
         chosen = complete_batch(chosen, n, inputs, self.surrogate, self.settings.empty_safe_set)
