@@ -30,8 +30,8 @@ _NEAR = 128
 _NEAR_STEP = 0.05
 _STARTS = 3
 _ASCENT = 25
-_POLISH = 15
-"""Steps of the batch's joint ascent, each of which costs as much as tens of a single point's."""
+_POLISH = 40
+"""Most steps of the batch's joint ascent, each as dear as tens of a single point's; BoTorch allows 200."""
 _MC_SAMPLES = 64
 _SEEDS = 2**31
 _Term = Callable[[FloatArray, FloatArray, float], tuple[FloatArray, FloatArray, FloatArray]]
