@@ -174,7 +174,7 @@ class TestFiniteSet:
         assert optimizer.best().objective[0] >= np.sort(objective[safety >= 0])[-3]
 
     def test_neighbourhood_is_the_nearest_rows(self) -> None:
-        optimizer = HdSafeBOLocal(rows_problem(500), seed=3, rows_initial=50, rows_elsewhere=0)
+        optimizer = HdSafeBOLocal(rows_problem(500), seed=3, regions=1, rows_initial=50, rows_elsewhere=0)
         observe_initial(optimizer, 20)
         centre = optimizer.best().x[0]
         trials = optimizer.ask(5)
@@ -182,6 +182,30 @@ class TestFiniteSet:
         distance = np.linalg.norm(optimizer.problem.candidates.features - centre, axis=1)
         limit = np.sort(distance[free])[49]
         assert (distance[trials.candidate] <= limit + 1e-12).all()
+
+    def test_regions_lie_a_length_scale_apart_around_the_best(self) -> None:
+        problem = rows_problem(2000)
+        bowl = problem.function
+        problem.function = lambda x: (np.sin(12 * x).sum(axis=1), bowl(x)[1])  # several tops
+        optimizer = HdSafeBOLocal(problem, seed=3, regions=3, rows_initial=60, rows_elsewhere=0)
+        observe_initial(optimizer, 100)
+        features = problem.candidates.features
+        gp = optimizer.surrogate.objective
+        known = optimizer.trials[optimizer.feasible]
+        safe = optimizer.surrogate.believed_safe(features[known.candidate], -2.0)
+        known = known[np.flatnonzero(safe)[np.argsort(-known.objective[safe], kind="stable")]]
+        centres = [known.x[0]]
+        for x in known.x:
+            if len(centres) < 3 and min(np.linalg.norm(x - c) for c in centres) >= gp.length_scale:
+                centres.append(x)
+        assert len(centres) > 1  # or nothing is tested
+        free = np.setdiff1d(np.arange(2000), optimizer.trials.candidate)
+        near = [
+            free[np.argsort(np.linalg.norm(features[free] - c, axis=1))[: 60 // len(centres)]]
+            for c in centres
+        ]
+        trials = optimizer.ask(10)
+        assert set(trials.candidate) <= set(np.concatenate(near))
 
     def test_inputs_outside_the_set_count_as_their_nearest_row(self) -> None:
         optimizer = HdSafeBOLocal(rows_problem(500))

@@ -9,9 +9,10 @@ Two things differ from the paper's algorithm, which is kept as it is in `hdsafeb
 * The acquisition function is maximised by gradient ascent within the safe set. Part of a batch climbs the
   posterior mean, the rest climbs posterior sample paths (Thompson sampling) close to where that leads.
 
-On a problem with a finite candidate set the same trust region is the set of rows nearest to the best safe
-row, with some rows from everywhere: the safety bound then speaks of what will be evaluated, as it does not
-when a point of a continuous space is replaced by its nearest row.
+On a problem with a finite candidate set the trust region is the set of rows nearest to the best safe row and
+to the next best ones that lie a length scale apart (several regions at a time, as in TuRBO-m: Eriksson et
+al., NeurIPS 2019), with some rows from everywhere. The safety bound then speaks of what will be evaluated, as
+it does not when a point of a continuous space is replaced by its nearest row.
 """
 
 from __future__ import annotations
@@ -56,7 +57,8 @@ class HdSafeBOLocalSettings(OptimizerSettings):
         probe_min: smallest radius of the first round, in median distances of the initial data.
         probe_max: largest one.
         steps: of an ascent.
-        rows_initial: size of the trust region in rows of a finite candidate set.
+        regions: on a finite candidate set, the most trust regions at a time; they share its rows equally.
+        rows_initial: size of the trust regions together, in rows of a finite candidate set.
         rows_max: largest size.
         rows_min: smallest size.
         rows_elsewhere: rows drawn from the whole candidate set each round.
@@ -73,6 +75,7 @@ class HdSafeBOLocalSettings(OptimizerSettings):
     probe_min: float = Field(default=1e-3, gt=0)
     probe_max: float = Field(default=2e-2, gt=0)
     steps: int = Field(default=20, ge=1)
+    regions: int = Field(default=4, ge=1)
     rows_initial: int = Field(default=4000, ge=1)
     rows_max: int = Field(default=16000, ge=1)
     rows_min: int = Field(default=500, ge=1)
@@ -223,15 +226,14 @@ class HdSafeBOLocal(Optimizer):
     # --- finite candidate set
 
     def _choose_rows(self, n: int) -> Proposal:
-        """Thompson sampling over the believed safe rows of the trust region and some from elsewhere."""
+        """Thompson sampling over the believed safe rows of the trust regions and some from elsewhere."""
         features = self.problem.candidates.features  # type: ignore[union-attr]
         free = np.ones(len(features), bool)
         free[self.taken] = False
         left = np.flatnonzero(free)
-        centre = self.kernel_inputs(self.trials[[self.centre_row()]])
-        rows = self._rows_near(features, left, centre)
+        near = self._rows_near(features, left)
         elsewhere = self.rng.choice(left, min(self.settings.rows_elsewhere, len(left)), replace=False)
-        rows = np.union1d(rows, elsewhere)
+        rows = np.unique(np.concatenate([*near, elsewhere]))
         inputs = features[rows]
         safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
         chosen = np.flatnonzero(safe)
@@ -242,14 +244,30 @@ class HdSafeBOLocal(Optimizer):
             rows=rows[chosen], trust_region_length=self.region.length, marked_unsafe=~safe[chosen]
         )
 
-    def _rows_near(self, features: FloatArray, left: IntArray, centre: FloatArray) -> IntArray:
-        """The trust region: the rows nearest to the centre, thinned at random to the initial number."""
-        size = min(int(self.region.length), len(left))
-        distance = fast_distances(centre, features[left])[0]
-        near = left[np.argpartition(distance, size - 1)[:size]]
-        if size > self.settings.rows_initial:
-            near = self.rng.choice(near, self.settings.rows_initial, replace=False)
-        return near
+    def _rows_near(self, features: FloatArray, left: IntArray) -> list[IntArray]:
+        """The trust regions: the rows nearest to each centre, thinned at random to their share."""
+        centres = self._separate_centres()
+        share = max(1, self.settings.rows_initial // len(centres))
+        size = min(max(1, int(self.region.length) // len(centres)), len(left))
+        distances = fast_distances(centres, features)
+        distances[:, self.taken] = np.inf
+        near = [np.argpartition(row, size - 1)[:size] for row in distances]
+        return [rows if size <= share else self.rng.choice(rows, share, replace=False) for rows in near]
+
+    def _separate_centres(self) -> FloatArray:
+        """(k, p) the best trial, then the next best believed safe ones a length scale from all before."""
+        rows = np.flatnonzero(self.feasible)
+        rows = rows[np.argsort(-self.trials.objective[rows], kind="stable")[:_CENTRES]]
+        inputs = self.kernel_inputs(self.trials[rows])
+        inputs = inputs[self.surrogate.believed_safe(inputs, self.settings.confidence)]
+        centres = [self.kernel_inputs(self.trials[[self.centre_row()]])]
+        for candidate in inputs:
+            if len(centres) == self.settings.regions:
+                break
+            distance = fast_distances(candidate[None], np.concatenate(centres))
+            if distance.min() >= self.surrogate.objective.length_scale:
+                centres.append(candidate[None])
+        return np.concatenate(centres)
 
     def kernel_inputs(self, trials: Trials) -> FloatArray:
         """Features of the candidates, the problem's features of the inputs, or the code's own metric."""
