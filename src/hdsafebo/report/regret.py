@@ -16,8 +16,8 @@ def regret(run: RunFile, series: Series | None = None) -> pd.DataFrame | None:
     """Share of the best safe value of a finite set over the trials; None when it is unknown or not positive.
 
     Returns:
-        One row per seed: share_300, share_400, share_500, share_1000 (best safe objective / optimum by the round
-        in which that trial was; NaN beyond the end of the run) and trials_to_95 (trials at the end of
+        One row per seed: share_300, share_400, share_500, share_1000 (best safe objective / optimum by the
+        round in which that trial was; NaN beyond the end of the run) and trials_to_95 (trials at the end of
         the round that reached 95 %, the initial ones included; NaN when it never did).
     """
     optimum = run.meta.optimum
