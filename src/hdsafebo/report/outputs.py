@@ -22,7 +22,7 @@ CURVE_COLUMNS = {
 
 
 def summary(results: Results, inputs: Inputs, *, profile: str, git_revision: str | None) -> dict[str, Any]:
-    """Metrics by task and method, the traversal, the isometry check, and where they come from.
+    """Metrics and run counts by task and method, the traversal, the isometry check, and where they come from.
 
     Numbers that are not known (the standard error of one run) are None.
     """
@@ -30,6 +30,7 @@ def summary(results: Results, inputs: Inputs, *, profile: str, git_revision: str
     for task in results.experiments + results.digit_tasks:
         found[task] = {
             method: {metric: _numbers(results, task, method, metric) for metric in SUMMARY_METRICS}
+            | _counts(results, task, method)
             for method in results.methods(task)
         }
     if inputs.stimulation is not None:
@@ -47,6 +48,11 @@ def summary(results: Results, inputs: Inputs, *, profile: str, git_revision: str
 def _numbers(results: Results, task: str, method: str, metric: str) -> dict[str, float | int | None]:
     e = results.estimate(task, method, metric)
     return {"mean": _known(e.mean), "se": _known(e.se), "runs": e.runs}
+
+
+def _counts(results: Results, task: str, method: str) -> dict[str, dict[str, int]]:
+    counts = results.counts(task, method)
+    return {} if counts is None else {"counts": counts.model_dump()}
 
 
 def _known(value: float) -> float | None:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from hdsafebo.report.methods import order
 from hdsafebo.report.metrics import HIGHER_IS_BETTER, per_seed
-from hdsafebo.report.runs import RunFile, RunMeta
+from hdsafebo.report.runs import RunCounts, RunFile, RunMeta
 from hdsafebo.report.series import Series, per_round, pool
 from hdsafebo.report.statistics import Comparison, Estimate, compare, estimate
 
@@ -76,6 +76,14 @@ class Results:
         """Tasks, the digits as one."""
         single = [task for task in self.tasks if task not in self.digit_tasks]
         return [*single, DIGITS] if self.digit_tasks else single
+
+    def counts(self, task: str, method: str) -> RunCounts | None:
+        """Sums over all runs of a method on a task; None if a run file does not tell."""
+        metas = [run.meta for run in self.parts(task, method).values()]
+        if any(len(meta.counts) != len(meta.seeds) for meta in metas):
+            return None
+        every = [counts for meta in metas for counts in meta.counts]
+        return RunCounts(**{name: sum(getattr(c, name) for c in every) for name in RunCounts.model_fields})
 
     def meta(self, task: str, method: str) -> RunMeta:
         """What a run file says about itself (for `digits` the first digit's)."""

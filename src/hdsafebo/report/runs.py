@@ -30,6 +30,26 @@ _NUMBERS = (
 _COLUMNS = (*_INTEGERS, *_BOOLEANS, *_NUMBERS, "status")
 
 
+class RunCounts(BaseModel):
+    """What went wrong without ending a run, see `campaign.run_file.RunCounts`; sums where runs are pooled.
+
+    Attributes:
+        fits: Gaussian processes that rounds were asked with.
+        jitters: fits that needed a larger diagonal than the noise.
+        fallbacks: fits that failed, so that the last good hyper-parameters were kept.
+        marked: trials that were not believed safe, and marked as such.
+        missing: trials of the budget that were not made because the method abstained.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    fits: int
+    jitters: int
+    fallbacks: int
+    marked: int
+    missing: int
+
+
 class RunMeta(BaseModel):
     """What a run file says about itself.
 
@@ -45,6 +65,7 @@ class RunMeta(BaseModel):
         batch: trials per round.
         n_trials: all trials of a run, the initial ones included.
         seeds: one per run.
+        counts: one per run, in the same order; none where the file does not tell.
         space: whether the method searched the codes of an embedding or the problem's own inputs.
         dimension: number of searched coordinates.
     """
@@ -62,6 +83,7 @@ class RunMeta(BaseModel):
     batch: int
     n_trials: int
     seeds: list[int]
+    counts: list[RunCounts] = []
     space: Literal["latent", "original"]
     dimension: int
 

@@ -8,7 +8,10 @@ from hdsafebo.report.calibration import Calibration
 from hdsafebo.report.formatting import number, with_error
 from hdsafebo.report.methods import style
 from hdsafebo.report.results import Results
+from hdsafebo.report.runs import RunCounts
 from hdsafebo.report.tables import Cell, Table
+
+_UNKNOWN = Cell("–")
 
 
 def calibration_table(
@@ -32,6 +35,7 @@ def calibration_table(
             results.estimate(task, method, "violation"),
         )
         beta, alpha = guarantees[method]
+        counts = results.counts(task, method)
         rows.append(
             [
                 Cell(style(method).label),
@@ -46,6 +50,7 @@ def calibration_table(
                 ),
                 Cell(with_error(bound)),
                 Cell(with_error(violation)),
+                *((_UNKNOWN, _UNKNOWN) if counts is None else _count_cells(counts)),
             ]
         )
         records.append(
@@ -65,6 +70,7 @@ def calibration_table(
                 "violation_bound_se": bound.se,
                 "violation": violation.mean,
                 "violation_se": violation.se,
+                **({} if counts is None else counts.model_dump()),
             }
         )
     columns = [
@@ -77,14 +83,24 @@ def calibration_table(
         "Guaranteed α",
         "Sum of bounds",
         "Violation",
+        "Marked",
+        "Fits repaired",
     ]
     caption = (
         "Mean predicted safe probability, observed safe share with its exact binomial interval, Brier "
         "score beside that of always predicting the observed share, "
         "the safe probability that β guarantees, and the mean sum of one-step violation bounds beside the "
-        "mean observed violation."
+        "mean observed violation. Of all runs together: trials not believed safe and marked as such, "
+        "and fits that needed jitter or fell back on earlier hyper-parameters."
     )
     return Table(f"safety_{task}", caption, columns, rows, pd.DataFrame(records))
+
+
+def _count_cells(counts: RunCounts) -> tuple[Cell, Cell]:
+    return (
+        Cell(str(counts.marked), f"{counts.missing} trials not made" if counts.missing else ""),
+        Cell(str(counts.jitters + counts.fallbacks), f"of {counts.fits}"),
+    )
 
 
 def bin_table(task: str, calibrations: dict[str, Calibration]) -> Table:
