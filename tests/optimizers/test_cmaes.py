@@ -1,5 +1,7 @@
 """CMA-ES converges under its constraint and asks in any batches."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -44,3 +46,12 @@ def test_single_trials_are_collected_into_generations() -> None:
 def test_population_below_what_pycma_can_rank_is_refused() -> None:
     with pytest.raises(ParamsError, match="population"):
         CmaEs(bowl_problem(), population=3)
+
+
+def test_leaves_nothing_in_the_working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    optimizer = CmaEs(bowl_problem(), seed=0)
+    observe_initial(optimizer)
+    run_rounds(optimizer, 2, 10)
+    assert optimizer._strategy.countiter == 2
+    assert list(tmp_path.iterdir()) == []

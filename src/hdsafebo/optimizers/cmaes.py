@@ -132,7 +132,10 @@ class CmaEs(Optimizer):
 
     def _make_strategy(self, batch: int) -> Any:
         import cma
+        from cma import constraints_handler
+        from cma.logger import LoggerDummy
 
+        constraints_handler._Logger = LoggerDummy  # pycma's own switch; else it leaves a folder behind
         assert self._mean is not None
         generator = np.random.default_rng(self._seed)
         options = {
