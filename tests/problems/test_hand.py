@@ -156,7 +156,7 @@ def test_no_initial_policy_ends_upright(make: Callable[[str], Task], monkeypatch
     assert not evaluate_policies(SCENE, problem.space, x).upright.any()
     monkeypatch.setattr(rollout, "UPRIGHT_TILT", 4.0)
     monkeypatch.setattr(module, "_MOST_DRAWS", 2)
-    with pytest.raises(HandModelError, match="only [01] of 2 random policies do not end upright"):
+    with pytest.raises(HandModelError, match=r"only [01] of 2 random policies do not end upright"):
         problem.initial(2, np.random.default_rng(5))
 
 
