@@ -7,8 +7,8 @@ import pytest
 
 from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.cmaes import CmaEs
-from hdsafebo.problem import FunctionProblem
-from optimizers.toy import bowl_problem, observe_initial, run_rounds
+from hdsafebo.problem import FunctionProblem, Safety
+from optimizers.toy import bowl, bowl_problem, observe_initial, run_rounds
 
 
 def test_reaches_the_constrained_optimum() -> None:
@@ -22,6 +22,25 @@ def test_reaches_the_constrained_optimum() -> None:
     observe_initial(optimizer, 10)
     run_rounds(optimizer, 100, 10)
     np.testing.assert_allclose(optimizer.best().x[0], 0.3, atol=0.02)
+
+
+def test_functions_on_record_are_no_constraints() -> None:
+    """A second function that no point meets, neither modelled nor reported, changes no proposal."""
+    plain = bowl_problem()
+    bounds, distance = plain.bounds, plain.safety[0]
+    aside = Safety("aside", 1e3, modelled=False, reported=False)
+
+    def function(x):
+        objective, safety = bowl(x)
+        return objective, np.column_stack([safety, -safety])
+
+    found = []
+    for problem in (plain, FunctionProblem(function, bounds, [distance, aside])):
+        optimizer = CmaEs(problem, seed=0)
+        observe_initial(optimizer)
+        run_rounds(optimizer, 5, 10)
+        found.append(optimizer.trials.x)
+    np.testing.assert_array_equal(*found)
 
 
 def test_starts_where_it_is_told() -> None:

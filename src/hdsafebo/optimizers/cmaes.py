@@ -42,10 +42,10 @@ class CmaEsSettings(OptimizerSettings):
 class CmaEs(Optimizer):
     """pycma (Hansen, 2006 and later) with bounds and an adaptive augmented Lagrangian for the constraints.
 
-    Every safety function is a constraint h - g <= 0; the Lagrangian's coefficients adapt as in Atamna,
-    Auger and Hansen, FOGA 2017, as pycma implements it in `tell2`. Initial data decide the start. A
-    failed trial ranks as the worst of its generation. Trials are collected until a generation is complete,
-    so any batch size goes.
+    Every safety function that is modelled or reported is a constraint h - g <= 0; the Lagrangian's
+    coefficients adapt as in Atamna, Auger and Hansen, FOGA 2017, as pycma implements it in `tell2`. Initial
+    data decide the start. A failed trial ranks as the worst of its generation. Trials are collected until a
+    generation is complete, so any batch size goes.
 
     The state of pycma is an object graph that would need pickle. Saved instead is the sequence of calls;
     loading repeats them with the same random numbers, which gives the same state to the bit.
@@ -125,7 +125,9 @@ class CmaEs(Optimizer):
         if not done.any():
             return
         loss = -trials.objective
-        excess = np.array([s.threshold for s in self.problem.safety]) - trials.safety
+        binding = np.array([s.modelled or s.reported for s in self.problem.safety])
+        thresholds = np.array([s.threshold for s in self.problem.safety])
+        excess = (thresholds - trials.safety)[:, binding]
         loss[~done], excess[~done] = loss[done].max(), excess[done].max(axis=0)
         with _quiet_pycma():
             self._strategy.tell2(points, loss.tolist(), excess.tolist())

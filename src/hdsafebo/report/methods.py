@@ -57,6 +57,7 @@ _METHODS = {
     "cei_prob": MethodStyle("cEI-Prob", "global", PURPLE, "v", "dotted"),
     "safeopt": MethodStyle("SafeOpt", "global", ORANGE, "P", "dashed"),
     "cmaes": MethodStyle("CMA-ES", "free", BLUE, "^", "dashed"),
+    "cmaes_centre": MethodStyle("CMA-ES, from centre", "free", ORANGE, "P", "dotted"),
     "sobol": MethodStyle("Sobol search", "free", GREEN, "D", "dotted"),
     "local_random": MethodStyle("Local random steps", "free", PURPLE, "v", "dashdot"),
     "random_lowest": MethodStyle("Random, lowest current", "free", ORANGE, "P", "dashed"),
