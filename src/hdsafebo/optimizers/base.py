@@ -327,7 +327,12 @@ class Optimizer(ABC):
             start=start,
             cache=cache,
             limits=LengthScaleLimits(self.settings.shortest_length_scale, self.settings.longest_length_scale),
+            refine=self.refines(),
         )
+
+    def refines(self) -> bool:
+        """Whether a fit searches hyper-parameters, or keeps those of the fit before."""
+        return True
 
     def outcomes_to_fit(self, rows: IntArray) -> FloatArray:
         """(k,) what the objective's process is fitted to, of the completed trials `rows`."""
@@ -376,8 +381,6 @@ class Optimizer(ABC):
         from hdsafebo.optimizers.persistence import load_optimizer
 
         return load_optimizer(cls, Path(path), problem, embedding)
-
-    # --- internals
 
     def _pending(self, proposal: Proposal) -> Trials:
         """The trials that a proposal stands for, with what is believed of them."""

@@ -89,6 +89,10 @@ class HdSafeBOShortlist(Optimizer):
     def days(self, days: IntArray) -> None:
         self._days = days
 
+    def refines(self) -> bool:
+        """As often as there is a new shortlist; from one trial to the next hyper-parameters hardly change."""
+        return int(self.trials.completed.sum()) % self.settings.every == 0
+
     def outcomes_to_fit(self, rows: IntArray) -> FloatArray:
         """Outcomes less the effects of their days."""
         trials, days = self.trials[rows], self.days[rows]
