@@ -47,7 +47,7 @@ def main() -> None:
     benchmarks = parser.add_subparsers(required=True, dest="benchmark")
     month = benchmarks.add_parser("month")
     month.add_argument("--patients", type=int, default=10)
-    month.add_argument("--first", type=int, default=2000, help="seed of the first patient")
+    month.add_argument("--first", type=int, default=3000, help="seed of the first patient")
     month.add_argument("--trials", type=int, default=504)
     month.add_argument("--replay", action="store_true", help="compute every suggestion of the logs again")
     suggest = benchmarks.add_parser("suggest")

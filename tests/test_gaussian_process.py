@@ -65,6 +65,22 @@ def test_gradients_are_finite_differences() -> None:
         )
 
 
+def test_a_fit_that_keeps_hyperparameters_is_their_closed_form() -> None:
+    """With more data; without a fit before it there is nothing to keep, and they are searched."""
+    x, y = smooth_data()
+    first = fitted(x[:40], y[:40])
+    kept = fitted(x, y, start=first.hyper, refine=False)
+    assert kept.hyper.fits == first.hyper.fits
+    assert kept.length_scale == pytest.approx(first.length_scale, rel=1e-12)
+    assert kept.hyper.noise_ratio == pytest.approx(first.hyper.noise_ratio, rel=1e-12)
+    at = np.random.default_rng(1).random((9, 3))
+    np.testing.assert_allclose(kept.predict_mean(at), closed_form(kept, at)[0], rtol=1e-7)
+    searched = fitted(x, y, start=first.hyper)
+    assert searched.hyper.length_scale != pytest.approx(first.length_scale, rel=1e-6)
+    unknown = fitted(x, y, refine=False)
+    assert unknown.hyper == fitted(x, y).hyper
+
+
 def log_posterior(theta: np.ndarray, gp: GaussianProcess) -> float:
     """Density of the standardised outcomes with mean and variance as parameters, plus the priors."""
     log_length, log_noise, mean, log_variance = theta

@@ -48,6 +48,7 @@ def fit_gaussian_process(
     *,
     start: Hyperparameters | None = None,
     limits: LengthScaleLimits | None = None,
+    refine: bool = True,
 ) -> GaussianProcess:
     """Fit by maximum a posteriori.
 
@@ -60,6 +61,7 @@ def fit_gaussian_process(
         y: (n,) finite outcomes.
         start: hyper-parameters of the last fit of the same function.
         limits: of the length scale.
+        refine: False keeps length scale and noise ratio of `start`, if there is one.
 
     Raises:
         SurrogateError: the covariance has no Cholesky factor, not even at the last good hyper-parameters with
@@ -72,14 +74,15 @@ def fit_gaussian_process(
         start or _first_guess(distances, inputs.shape[1]),
         limits or LengthScaleLimits(),
     )
+    refine = refine or start is None
     if start is None:
         for noise in _FIRST_NOISES:
             search.scan(noise)
-    elif start.fits < _THOROUGH_FITS or start.fits % _THOROUGH_EVERY == 0:
+    elif refine and (start.fits < _THOROUGH_FITS or start.fits % _THOROUGH_EVERY == 0):
         search.scan(np.log(start.noise_ratio))
     else:
         search.try_at(np.log(start.length_scale), np.log(start.noise_ratio))
-    steps = tuple(search.improve(axis) for axis in (0, 1))
+    steps = tuple(search.improve(axis) for axis in (0, 1)) if refine else search.start.steps
     best = search.best
     if best is None:
         best = search.last_resort()
@@ -89,7 +92,7 @@ def fit_gaussian_process(
         length_scale=float(np.exp(best.theta[0])),
         noise_ratio=float(np.exp(best.theta[1])),
         steps=steps,  # type: ignore[arg-type]
-        fits=search.start.fits + 1,
+        fits=search.start.fits + refine,
         jitters=search.start.jitters + (best.jitter > 0),
         fallbacks=search.start.fallbacks + (search.best is None),
     )

@@ -171,6 +171,7 @@ def fit_surrogate(
     start: SurrogateState | None = None,
     cache: DistanceCache | None = None,
     limits: LengthScaleLimits | None = None,
+    refine: bool = True,
 ) -> Surrogate:
     """Fit all Gaussian processes.
 
@@ -182,6 +183,7 @@ def fit_surrogate(
         start: of the last fit.
         cache: distances of an earlier call.
         limits: of the length scales.
+        refine: False keeps the hyper-parameters of `start`, if there are any.
 
     Raises:
         SurrogateError: a process cannot be fitted, not even with the last good hyper-parameters, or the
@@ -196,7 +198,9 @@ def fit_surrogate(
     starts = (None,) * (1 + safety.shape[1]) if start is None else (start.objective, *start.safety)
     outcomes = [objective, *safety.T]
     processes = [
-        fit_gaussian_process(inputs, distances, np.ascontiguousarray(y), start=s, limits=limits)
+        fit_gaussian_process(
+            inputs, distances, np.ascontiguousarray(y), start=s, limits=limits, refine=refine
+        )
         for y, s in zip(outcomes, starts, strict=True)
     ]
     shown = [

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 
+from hdsafebo.kernel import exact_distances, matern52
 from hdsafebo.session.believed import believed_best
-from hdsafebo.session.days import fit_days
+from hdsafebo.session.days import day_deviation, fit_days
 from hdsafebo.session.informed import informed_optimiser
 from hdsafebo.session.session import Session
 from hdsafebo.session.shortlist import HdSafeBOShortlist
@@ -39,6 +41,29 @@ def test_one_point_and_constant_outcomes() -> None:
     assert model.effect[0, 0] == 0.0
     constant = fit_days(np.zeros((4, 1)), np.full((4, 1), 2.0), np.array([0, 0, 1, 1]))
     np.testing.assert_allclose(constant.value, 2.0)
+
+
+def test_deviation_is_that_of_the_joint_normal() -> None:
+    """Against the closed form with the mean as one more coefficient of a very wide prior."""
+    rng = np.random.default_rng(1)
+    x, days = rng.random((12, 2)), np.repeat([0, 1], 6)
+    y = smooth(x)[:, None] + 0.1 * rng.standard_normal((12, 1))
+    theta = (1.0, 0.1, 0.03)
+    model = fit_days(x, y, days, (theta,))
+    distances = exact_distances(x, x)
+    prior = matern52(distances, float(np.median(distances))) + 1e6
+    covariance = prior + 0.03 * (days[:, None] == days) + 0.1 * np.eye(12)
+    posterior = prior - prior @ np.linalg.solve(covariance, prior)
+    for row in (0, 7):
+        expected = model.signal[0] * np.sqrt(posterior[row, row])
+        assert day_deviation(x, days, row, theta, model.signal[0]) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_repetition_lowers_the_deviation() -> None:
+    x, days = np.array([[0.0], [1.0], [2.0]]), np.zeros(3, int)
+    once = day_deviation(x, days, 1, (1.0, 0.1, 0.0), 1.0)
+    twice = day_deviation(np.vstack([x, x[1]]), np.zeros(4, int), 1, (1.0, 0.1, 0.0), 1.0)
+    assert twice < 0.85 * once
 
 
 def _with_days(make_session: Callable[..., Session], shift: float) -> Session:
@@ -79,8 +104,8 @@ def test_the_luckiest_is_not_the_best(make_session: Callable[..., Session]) -> N
     highest = session.best("speed")
     assert highest is not None
     assert highest.point["values"][1] == 0.5  # the one that was measured too high
-    trial, mean = believed_best(session)["speed"]
+    best = believed_best(session)["speed"]
     values = [t.point["values"] for t in session.state.trials]
-    assert bowl(trial.point["values"])["speed"] >= sorted(bowl(v)["speed"] for v in values)[-8]
-    assert mean < (highest.outcomes or {})["speed"]
-    assert believed_best(session, initial=True)["speed"][0].origin == "initial"
+    assert bowl(best.trial.point["values"])["speed"] >= sorted(bowl(v)["speed"] for v in values)[-8]
+    assert best.mean < (highest.outcomes or {})["speed"]
+    assert believed_best(session, ["speed"], initial=True)["speed"].trial.origin == "initial"

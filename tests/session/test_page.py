@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import uvicorn
 
+from hdsafebo.session.believed import believed_best
 from hdsafebo.session.create import create_session
 from hdsafebo.session.month import answer, simulated_patient
 from hdsafebo.session.responses import Responses
@@ -139,6 +140,23 @@ def test_looking_at_inputs_changes_nothing(bench: Served) -> None:
     assert bench.status()["head"] == before
 
 
+def test_the_believed_best_is_the_models(bench: Served) -> None:
+    """For the present target, with its uncertainty."""
+    code, before = bench.post("believed", {})
+    assert code == 200
+    session = Session.open(bench.page._viewer.store.path.parent)
+    believed = believed_best(session, ["speed"])["speed"]
+    assert before["best"] == {
+        "number": believed.trial.number,
+        "text": session.space.describe(believed.trial.point),
+        "mean": believed.mean,
+        "deviation": believed.deviation,
+    }
+    assert bench.step("target", target="economy")[0] == 200
+    assert bench.post("believed", {})[1]["best"]["mean"] < 0.0
+    session.close()
+
+
 @pytest.mark.parametrize(
     "body", [b"", b"no json", b"[]", b"{}", b'{"who": 1}', b'{"who": "ann", "head": "x"}', b"[" * 100_000]
 )
@@ -241,6 +259,7 @@ def _walk(browser: Browser, served: Served, session: Session, patient: Any, fold
     assert session.state.trials[-1].safety == {"score": min(response.scores.values())}
     assert session.state.trials[-1].details["recording"]["name"] == "trial133.csv"
     assert browser.text("#history tbody tr td") == "133"
+    wait_for(lambda: "±" in browser.text("#believed"), "the believed best")
 
     browser.click("button[data-step=Suggest]")
     wait_for(lambda: browser.text("#title").startswith("Suggestion 2"), "the next suggestion")

@@ -54,6 +54,21 @@ def test_reopened_it_goes_on_with_the_same_shortlist(make_session: Callable[...,
     assert replay(session) == []
 
 
+def test_hyperparameters_are_searched_every_few_trials(make_session: Callable[..., Session]) -> None:
+    """Each saved fit counts the searches behind it; 12 trials hold 4 multiples of 3."""
+    session = make_session("list", method=METHOD)
+    lengths = []
+    for _ in range(12):
+        session.record("ann", measured(session.approve("ann", session.suggest("ann").number)))
+        session.suggest("ann")
+        optimiser = session.advisor()._require()
+        assert isinstance(optimiser, HdSafeBOShortlist)
+        assert optimiser.refines() == (int(optimiser.trials.completed.sum()) % 3 == 0)
+        lengths.append(optimiser.surrogate.safety[0].length_scale)
+    changed = np.flatnonzero(~np.isclose(np.diff(lengths), 0.0, rtol=0.0, atol=1e-9))
+    assert 1 <= len(changed) <= 4
+
+
 def test_it_needs_a_finite_set(tmp_path: Path) -> None:
     definition, initial = write_box_files(tmp_path)
     definition.write_text(yaml.safe_dump(box_definition() | {"method": METHOD}))

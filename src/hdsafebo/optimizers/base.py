@@ -21,7 +21,7 @@ from hdsafebo.gp_fit import LengthScaleLimits
 from hdsafebo.optimizers.fits import FitCounts, Fits
 from hdsafebo.optimizers.ledger import Ledger
 from hdsafebo.optimizers.nearest_trials import rows_near_best
-from hdsafebo.optimizers.proposal import Codec, Proposal, encode, realise
+from hdsafebo.optimizers.proposal import Codec, Proposal, candidates_left, encode, realise
 from hdsafebo.optimizers.results import check_points, check_results, check_rows
 from hdsafebo.optimizers.settings import OptimizerSettings, check_settings
 from hdsafebo.problem import FloatArray, IntArray, Problem, Trials, check_problem
@@ -155,7 +155,7 @@ class Optimizer(ABC):
         self._elsewhere = np.empty(0, np.int64) if pending is None else pending.candidate
         generator = self.rng.bit_generator.state
         try:
-            trials = self._pending(self.propose(min(int(n), self._candidates_left())))
+            trials = self._pending(self.propose(min(int(n), candidates_left(self.problem, self.taken))))
         except BaseException:
             self.rng.bit_generator.state = generator
             raise
@@ -315,18 +315,28 @@ class Optimizer(ABC):
         return self._fits.current(self._fit)
 
     def _fit(self, start: SurrogateState | None, cache: DistanceCache) -> Surrogate:
-        trials = self.trials[self.rows_to_fit()]
-        if len(trials) == 0:
+        rows = self.rows_to_fit()
+        if len(rows) == 0:
             raise NoSafePointError(f"{self.name} has no completed trial to fit; report data with observe")
+        trials = self.trials[rows]
         return fit_surrogate(
             self.kernel_inputs(trials),
-            trials.objective,
+            self.outcomes_to_fit(rows),
             modelled_safety(self.problem.safety, trials.safety),
             modelled_thresholds(self.problem.safety),
             start=start,
             cache=cache,
             limits=LengthScaleLimits(self.settings.shortest_length_scale, self.settings.longest_length_scale),
+            refine=self.refines(),
         )
+
+    def refines(self) -> bool:
+        """Whether a fit searches hyper-parameters, or keeps those of the fit before."""
+        return True
+
+    def outcomes_to_fit(self, rows: IntArray) -> FloatArray:
+        """(k,) what the objective's process is fitted to, of the completed trials `rows`."""
+        return self.trials.objective[rows]
 
     def rows_to_fit(self) -> IntArray:
         """Rows of the completed trials that the surrogate is fitted to: all, or those near the best."""
@@ -371,17 +381,6 @@ class Optimizer(ABC):
         from hdsafebo.optimizers.persistence import load_optimizer
 
         return load_optimizer(cls, Path(path), problem, embedding)
-
-    # --- internals
-
-    def _candidates_left(self) -> int:
-        if self.problem.candidates is None:
-            return int(np.iinfo(np.int64).max)
-        total = len(self.problem.candidates.features)
-        left = total - len(self.taken)
-        if left == 0:
-            raise TrialError(f"all {total} candidates of {self.problem.name!r} have been proposed or tried")
-        return left
 
     def _pending(self, proposal: Proposal) -> Trials:
         """The trials that a proposal stands for, with what is believed of them."""

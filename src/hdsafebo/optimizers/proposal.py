@@ -108,3 +108,18 @@ def encode(embedding: Codec | None, x: FloatArray) -> FloatArray:
             f"the embedding gave codes of shape {z.shape} for {len(x)} inputs; expected finite (n, d)"
         )
     return z
+
+
+def candidates_left(problem: Problem, taken: IntArray) -> int:
+    """How many more points a problem can be asked for, given the candidate rows that are taken.
+
+    Raises:
+        TrialError: every candidate is taken.
+    """
+    if problem.candidates is None:
+        return int(np.iinfo(np.int64).max)
+    total = len(problem.candidates.features)
+    left = total - len(taken)
+    if left == 0:
+        raise TrialError(f"all {total} candidates of {problem.name!r} have been proposed or tried")
+    return left

@@ -6,27 +6,48 @@ weighs each outcome against those of similar inputs, of repetitions and of the s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from hdsafebo.session.days import fit_days
+from hdsafebo.session.days import day_deviation, fit_days
 from hdsafebo.session.informed import kernel_inputs, new_optimiser
 from hdsafebo.session.session import Session
 from hdsafebo.session.state import Trial
 
 
-def believed_best(session: Session, *, initial: bool = False) -> dict[str, tuple[Trial, float]]:
-    """For each target the safe trial that is believed best, and what is believed of it.
+@dataclass(frozen=True)
+class Believed:
+    """A trial, and what is believed of its target.
+
+    Attributes:
+        trial: the trial.
+        mean, deviation: posterior of the outcome without noise and the effect of a day.
+    """
+
+    trial: Trial
+    mean: float
+    deviation: float
+
+
+def believed_best(
+    session: Session, targets: Sequence[str] | None = None, *, initial: bool = False
+) -> dict[str, Believed]:
+    """For each target the safe trial of the highest posterior mean.
 
     Inputs of which any trial was unsafe do not count.
 
     Args:
         session: an open session.
+        targets: some of the session's; None means all.
         initial: only the initial trials are known.
 
     Returns:
         Nothing for any target when no safe trial has outcomes.
     """
     space = session.space
+    names = space.targets if targets is None else tuple(targets)
     trials = [t for t in session.state.trials if t.origin == "initial" or not initial]
     known = [t for t in trials if t.outcomes is not None and t.safety is not None]
     unsafe = [t.point for t in trials if t.safety is not None and not space.safe(t.safety)]
@@ -35,13 +56,15 @@ def believed_best(session: Session, *, initial: bool = False) -> dict[str, tuple
         return {}
     search = session.search()
     optimiser = new_optimiser(session.definition, search, session.state.target, session.definition.seed)
-    model = fit_days(
-        kernel_inputs(optimiser, search, known),
-        np.array([[(t.outcomes or {})[target] for target in space.targets] for t in known]),
-        np.array([t.day for t in known]),
-    )
+    inputs = kernel_inputs(optimiser, search, known)
+    days = np.array([t.day for t in known])
+    model = fit_days(inputs, np.array([[(t.outcomes or {})[name] for name in names] for t in known]), days)
     rows = np.where(counts[:, None], model.value, -np.inf).argmax(axis=0)
     return {
-        target: (known[row], float(model.value[row, j]))
-        for j, (target, row) in enumerate(zip(space.targets, rows.tolist(), strict=True))
+        name: Believed(
+            known[row],
+            float(model.value[row, j]),
+            day_deviation(inputs, days, row, model.theta[j], float(model.signal[j])),
+        )
+        for j, (name, row) in enumerate(zip(names, rows.tolist(), strict=True))
     }

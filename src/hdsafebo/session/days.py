@@ -38,11 +38,13 @@ class DayModel:
         value: posterior mean of m + f.
         effect: posterior mean of the day's effect.
         theta: of each of the m outcomes.
+        signal: (m,) prior standard deviation of f.
     """
 
     value: FloatArray
     effect: FloatArray
     theta: tuple[Theta, ...]
+    signal: FloatArray
 
 
 def fit_days(
@@ -57,6 +59,7 @@ def fit_days(
         grid: hyper-parameters to choose from.
     """
     n = len(inputs)
+    signal = np.zeros(outcomes.shape[1])
     centre, scale = outcomes.mean(axis=0), outcomes.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     columns = np.column_stack([(outcomes - centre) / scale, np.ones(n)])
@@ -87,6 +90,27 @@ def fit_days(
                 value[:, better] = mean[better] + kernel @ weights
                 effect[:, better] = day * (same_day @ weights)
                 highest[better] = likelihood[better]
+                signal[better] = np.sqrt(variance[better])
                 for column in np.flatnonzero(better):
                     chosen[column] = theta
-    return DayModel(centre + scale * value, scale * effect, tuple(chosen))
+    return DayModel(centre + scale * value, scale * effect, tuple(chosen), scale * signal)
+
+
+def day_deviation(inputs: FloatArray, days: IntArray, row: int, theta: Theta, signal: float) -> float:
+    """Posterior standard deviation of m + f at one of the trials, in the outcome's units.
+
+    Args:
+        inputs, days: of all trials, as they were fitted.
+        row: the trial.
+        theta, signal: of one outcome's model.
+    """
+    length, noise, day = theta
+    distances = exact_distances(inputs, inputs)
+    kernel = matern52(distances, length * (float(np.median(distances)) or 1.0))
+    covariance = kernel + day * (days[:, None] == days)
+    covariance.flat[:: len(inputs) + 1] += noise + _JITTER
+    factor = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
+    columns = np.column_stack([kernel[row], np.ones(len(inputs))])
+    known, one = solve_triangular(factor, columns, lower=True, check_finite=False).T
+    variance = 1.0 - known @ known + (1.0 - one @ known) ** 2 / (one @ one)
+    return float(signal * np.sqrt(max(variance, 0.0)))

@@ -206,10 +206,10 @@ def _start_trial(session: Session, number: int) -> None:
 
 def _therapist_point(session: Session) -> Point:
     """What is believed best so far for the target, at the highest permitted current not above its own."""
-    believed = believed_best(session)
-    if session.state.target not in believed:
+    believed = believed_best(session, [session.state.target])
+    if not believed:
         raise SessionError("no safe trial is known; a therapist would not start")
-    best, _ = believed[session.state.target]
+    best = believed[session.state.target].trial
     definition = session.definition
     assert isinstance(definition, StimulationDefinition)
     for current in reversed(definition.priors.currents_ma):

@@ -61,7 +61,7 @@ def evaluate_month(session: Session, patient: SimulatedPatient) -> MonthResult:
         believed = believed_best(session, initial=initial)
         for i, muscle in enumerate(space.targets):
             measured = session.best(muscle, origin="initial" if initial else "")
-            for store, trial in ((best, believed[muscle][0]), (highest, measured)):
+            for store, trial in ((best, believed[muscle].trial), (highest, measured)):
                 true = 0.0 if trial is None else float(selectivity(patient.activation(trial.point))[i])
                 store[initial][muscle] = true
     return MonthResult(

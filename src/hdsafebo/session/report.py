@@ -76,15 +76,15 @@ def _targets(session: Session) -> str:
     believed = believed_best(session)
     for target in session.space.targets:
         first, last = session.best(target, origin="initial"), session.best(target)
-        trial, value = believed.get(target, (None, float("nan")))
+        best = believed.get(target)
         rows.append(
             (
                 target,
                 _value(first, target),
                 _value(last, target),
                 "" if last is None else session.space.describe(last.point),
-                "none" if trial is None else f"{value:.4f}",
-                "" if trial is None else session.space.describe(trial.point),
+                "none" if best is None else f"{best.mean:.4f} ± {2.0 * best.deviation:.4f}",
+                "" if best is None else session.space.describe(best.trial.point),
             )
         )
     treated = {t.target for t in session.state.trials if t.target is not None} | {session.state.target}
@@ -96,7 +96,7 @@ def _targets(session: Session) -> str:
     head = ("target", "highest safe initial", "highest safe", "inputs", "believed best safe", "inputs")
     text = (
         "Highest: the highest single measurement, which is a lucky one. Believed: by a model that weighs it "
-        "against similar inputs, repetitions and the effects of days."
+        "against similar inputs, repetitions and the effects of days, with two standard deviations."
     )
     return f"<h2>Targets</h2><p>{text}</p>{_table(head, rows)}<div class=figures>{figures}</div>"
 

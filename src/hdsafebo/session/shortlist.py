@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from hdsafebo.errors import ProblemError
-from hdsafebo.gp_fit import LengthScaleLimits
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.empty_set import complete_batch
 from hdsafebo.optimizers.settings import OptimizerSettings
@@ -32,14 +31,6 @@ from hdsafebo.problem import FloatArray, IntArray, Trials
 from hdsafebo.sampling import thompson_sample
 from hdsafebo.session.days import fit_days
 from hdsafebo.session.finite_set import FiniteSet
-from hdsafebo.surrogate import (
-    DistanceCache,
-    Surrogate,
-    SurrogateState,
-    fit_surrogate,
-    modelled_safety,
-    modelled_thresholds,
-)
 
 _CHECKED = 4  # how many times the shortlist's length is checked for safety, best first
 
@@ -98,21 +89,17 @@ class HdSafeBOShortlist(Optimizer):
     def days(self, days: IntArray) -> None:
         self._days = days
 
-    def _fit(self, start: SurrogateState | None, cache: DistanceCache) -> Surrogate:
-        trials, days = self.trials[self.rows_to_fit()], self.days[self.rows_to_fit()]
+    def refines(self) -> bool:
+        """As often as there is a new shortlist; from one trial to the next hyper-parameters hardly change."""
+        return int(self.trials.completed.sum()) % self.settings.every == 0
+
+    def outcomes_to_fit(self, rows: IntArray) -> FloatArray:
+        """Outcomes less the effects of their days."""
+        trials, days = self.trials[rows], self.days[rows]
         if len(np.unique(days)) < 2:
-            return super()._fit(start, cache)
-        inputs = self.kernel_inputs(trials)
-        model = fit_days(inputs, trials.objective[:, None], days, (self._theta,))
-        return fit_surrogate(
-            inputs,
-            trials.objective - model.effect[:, 0],
-            modelled_safety(self.problem.safety, trials.safety),
-            modelled_thresholds(self.problem.safety),
-            start=start,
-            cache=cache,
-            limits=LengthScaleLimits(self.settings.shortest_length_scale, self.settings.longest_length_scale),
-        )
+            return trials.objective
+        model = fit_days(self.kernel_inputs(trials), trials.objective[:, None], days, (self._theta,))
+        return trials.objective - model.effect[:, 0]
 
     def _choose_theta(self) -> None:
         """Hyper-parameters of the model of days from the present data; the surrogate is fitted anew."""

@@ -22,6 +22,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from hdsafebo.errors import HdSafeBOError
+from hdsafebo.session.believed import believed_best
 from hdsafebo.session.errors import ProtocolError, RecordingError
 from hdsafebo.session.plots import calibration_svg, course_svg
 from hdsafebo.session.recordings import MAX_BYTES
@@ -77,6 +78,7 @@ class Page:
             Route("/api/calibration.svg", self._read(lambda request: _svg(calibration_svg(self._viewer)))),
             Route("/api/stop", self._answer(self._stop), methods=["POST"]),
             Route("/api/look", self._answer(self._look), methods=["POST"]),
+            Route("/api/believed", self._answer(self._believed), methods=["POST"]),
             *(
                 Route(f"/api/{name}", self._answer(self._step(act)), methods=["POST"])
                 for name, act in steps.items()
@@ -141,6 +143,19 @@ class Page:
                 "breaches": breaches,
                 "belief": session.believe(point),
             }
+
+    def _believed(self, body: Body) -> Body:
+        """The trial believed best of the present target; not part of the status, since it costs a fit."""
+        with self._working:
+            session = self._worker
+            session.refresh()
+            target = session.state.target
+            best = believed_best(session, [target]).get(target)
+            if best is None:
+                return {"best": None}
+            text = session.space.describe(best.trial.point)
+            shown = {"number": best.trial.number, "text": text, "mean": best.mean}
+            return {"best": shown | {"deviation": best.deviation}}
 
     def _read(self, answer: Callable[[Request], Response]) -> Any:
         def run(request: Request) -> Response:

@@ -7,6 +7,7 @@ let seen = null; // last status
 let busy = false;
 let editing = null; // {mode: "modify" | "manual", point} while inputs are edited
 let lookTimer = 0;
+let believedOf = ""; // target and trials that the shown belief is of
 
 const CONTACT_TOPS = [[6, 12, 18, 24, 30, 36, 42, 48], [3, 9, 15, 21, 27, 33, 39, 45]]; // mm on the paddle
 const CONTACT_COLUMNS = [3, 9]; // drawn further apart than they are, to be hit easily
@@ -64,6 +65,7 @@ function show() {
   byId("stopped").firstElementChild.textContent = `Stopped: ${seen.stopped}`;
   fill(byId("target"), seen.targets.map((t) => new Option(t, t, false, t === seen.target)));
   showBest();
+  showBelieved();
   showHistory();
   byId("course").src = `/api/course.svg?${seen.head.hash}`;
   byId("calibration").src = `/api/calibration.svg?${seen.head.hash}`;
@@ -276,10 +278,27 @@ function base64(file) {
 function showBest() {
   const best = seen.best;
   const first = seen.initial_best === null ? "" : ` (best initial ${seen.initial_best.toFixed(3)})`;
-  byId("best").textContent = best ? `${seen.target} ${best.outcomes[seen.target].toFixed(3)}${first}: ${best.text}, trial ${best.number}` : "no safe trial yet";
+  byId("best").textContent = best ? `measured best ${seen.target} ${best.outcomes[seen.target].toFixed(3)}${first}: ${best.text}, trial ${best.number}` : "no safe trial yet";
   const c = seen.counts;
   byId("counts").textContent = `${c.initial} initial, ${c.recommended} recommended (${c.unsafe_recommended} unsafe), ` +
     `${c.modified} changed, ${c.manual} own, ${c.refused} refused`;
+}
+
+async function showBelieved() {
+  const wanted = seen.target + JSON.stringify(seen.counts);
+  if (wanted === believedOf) return;
+  believedOf = wanted;
+  byId("believed").textContent = "";
+  try {
+    const answer = await fetch("/api/believed", {
+      method: "POST", headers: { "Content-Type": "application/json", "X-Session-Page": "1" }, body: "{}" });
+    const { best, error } = await answer.json();
+    if (wanted !== believedOf) return;
+    byId("believed").textContent = error ? `nothing is believed: ${error}` : !best ? "" :
+      `believed best ${best.mean.toFixed(3)} ± ${(2 * best.deviation).toFixed(3)}: ${best.text}, trial ${best.number}`;
+  } catch (error) {
+    believedOf = "";
+  }
 }
 
 function showHistory() {
