@@ -97,7 +97,7 @@ def realise(
     if candidates is None and embedding is not None:
         # An autoencoder's encoder does not undo its decoder, and the outcome is a function of the code that
         # was decoded. Where it does undo it, its code is taken, which `observe` would give the same input.
-        codes = np.where(np.isclose(codes, z).all(axis=1)[:, None], codes, z)
+        codes = np.where(np.isclose(codes, z).all(axis=1, keepdims=True), codes, z)
     return Realised(x, codes, np.asarray(rows, np.int64), length, marked)
 
 
