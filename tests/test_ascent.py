@@ -84,3 +84,9 @@ def test_metric_measures_in_kernel_inputs(matrix: np.ndarray) -> None:
         quadratic(top), half_space(np.zeros(len(dense)), -1.0), starts(2), CENTRE, radius, metric, 40
     )
     assert (metric.length(best - CENTRE)[:, 0] <= 0.2 + 1e-9).all()
+
+
+def test_directions_are_hidden_when_no_kernel_input_changes() -> None:
+    assert not Metric(np.array([1.0, 0.0, 2.0]), np.zeros(3)).hides_directions  # the second does not vary
+    assert not Metric(np.eye(3)[:, [0, 1, 2, 2]] * [1, 1, 1, 0], np.zeros(3)).hides_directions
+    assert Metric(np.array([[1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]), np.zeros(2)).hides_directions

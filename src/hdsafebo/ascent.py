@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,13 @@ class Metric:
 
     matrix: FloatArray
     offset: FloatArray
+
+    @cached_property
+    def hides_directions(self) -> bool:
+        """Some steps change no kernel input, other than those along dimensions that do not vary at all."""
+        if self.matrix.ndim == 1:
+            return False
+        return int(np.linalg.matrix_rank(self.matrix)) < int(self.matrix.any(axis=0).sum())
 
     def inputs(self, u: FloatArray) -> FloatArray:
         """(n, p) kernel inputs of (n, d) points of the unit cube."""

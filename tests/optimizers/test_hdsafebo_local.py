@@ -137,10 +137,26 @@ class TestFeatures:
         centre = optimizer.kernel_inputs(optimizer.best())
         trials = optimizer.ask(10)
         distance = np.linalg.norm(optimizer.kernel_inputs(trials) - centre, axis=1)
-        limit = 1.5 * optimizer.region.length + optimizer.settings.explore_radius
-        assert (distance <= limit * optimizer.surrogate.length_scale + 1e-9).all()
+        assert (distance <= 2.0 * optimizer.region.length * optimizer.surrogate.length_scale + 1e-9).all()
         run_rounds(optimizer, 8, 4)
         assert np.isfinite(optimizer.trials.predicted_safe_probability[-4:]).all()
+
+    def test_hidden_directions_are_searched(self) -> None:
+        """The features see the difference of the last two coordinates only; the optimum needs their sum."""
+        problem = bowl_problem()
+        matrix = np.vstack([np.eye(4)[:2], [0.0, 0.0, 1.0, -1.0]])
+        problem.features = lambda x: x @ matrix.T
+        optimizer = HdSafeBOLocal(problem, seed=3)
+        start = observe_initial(optimizer, 15)
+        assert optimizer.metric.hides_directions
+        first = optimizer.ask(10)
+        best = start.x[np.argmax(np.where(start.safety[:, 0] >= 0, start.objective, -np.inf))]
+        assert np.ptp((first.x - best)[:, 2:].sum(axis=1)) > 0.01
+        assert (first.predicted_safe_probability[~first.marked_unsafe] >= 0.977 - 1e-6).all()
+        optimizer.tell(first, *problem.function(first.x))
+        run_rounds(optimizer, 10, 10)
+        assert abs(best[2:].sum() - 1.2) > 0.1
+        assert abs(optimizer.best().x[0, 2:].sum() - 1.2) < 0.05
 
     def test_features_must_be_affine(self) -> None:
         problem = bowl_problem()

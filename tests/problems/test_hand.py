@@ -69,7 +69,7 @@ def test_spaces_and_bounds(make: Callable[[str], Task]) -> None:
     assert problem.bounds.shape == (2, 43 * 55)
     assert task.latent_bounds is not None
     np.testing.assert_array_equal(task.latent_bounds, np.tile([[-1.0], [1.0]], (1, 5 * 55)))
-    x, rows = problem.initial(50, np.random.default_rng(0))
+    x, rows = problem.initial(3, np.random.default_rng(0))
     assert (rows == -1).all()
     assert (x >= problem.bounds[0]).all()
     assert (x <= problem.bounds[1]).all()
@@ -139,6 +139,38 @@ def test_feature_distance_is_the_behaviour_metric() -> None:
     gap = one - other
     distance = np.sum((features(one.reshape(1, -1)) - features(other.reshape(1, -1))) ** 2)
     assert distance == pytest.approx(np.trace(gap @ half @ half.T @ gap.T))
+
+
+def test_no_initial_policy_ends_upright(make: Callable[[str], Task], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draws that end upright, by a limit that half of these do, are replaced by the next ones."""
+    from hdsafebo.hand import rollout
+
+    problem = problem_of(make("hdsafebo"))
+    drawn = problem.codec.decode(np.random.default_rng(5).uniform(-1, 1, (6, 275)))
+    plain = evaluate_policies(SCENE, problem.space, drawn)
+    monkeypatch.setattr(rollout, "UPRIGHT_TILT", float(np.median(plain.tilt[plain.in_hand])))
+    upright = evaluate_policies(SCENE, problem.space, drawn).upright
+    assert 0 < upright.sum() < 6
+    x, _ = problem.initial(6, np.random.default_rng(5))
+    np.testing.assert_array_equal(x[: (~upright).sum()], drawn[~upright])
+    assert not evaluate_policies(SCENE, problem.space, x).upright.any()
+    monkeypatch.setattr(rollout, "UPRIGHT_TILT", 4.0)
+    monkeypatch.setattr(module, "_MOST_DRAWS", 2)
+    with pytest.raises(HandModelError, match="only [01] of 2 random policies do not end upright"):
+        problem.initial(2, np.random.default_rng(5))
+
+
+def test_initial_policies_are_not_played_twice(
+    make: Callable[[str], Task], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = problem_of(make("hdsafebo"))
+    x, _ = problem.initial(3, np.random.default_rng(4))
+    anew = problem_of(make("hdsafebo")).evaluate(Trials.pending(x, x, 4))
+    monkeypatch.setattr(module, "evaluate_policies", None)
+    found = problem.evaluate(Trials.pending(x, x, 4))
+    np.testing.assert_array_equal(found.objective, anew.objective)
+    np.testing.assert_array_equal(found.safety, anew.safety)
+    np.testing.assert_array_equal(found.status(), anew.status())
 
 
 def test_a_diverging_simulation_is_a_failed_trial(

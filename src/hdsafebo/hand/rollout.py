@@ -9,7 +9,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import chain, compress
 from typing import cast
 
 import numpy as np
@@ -86,6 +87,18 @@ class Episodes:
     def upright(self) -> NDArray[np.bool_]:
         """(n,) True where the bottle ended upright (tilt at most 0.35 rad) and held by the hand."""
         return (self.tilt <= UPRIGHT_TILT) & self.in_hand
+
+    def where(self, chosen: NDArray[np.bool_]) -> Episodes:
+        """The episodes where the (n,) mask is True."""
+        columns = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name != "failures"}
+        return Episodes(**columns, failures=tuple(compress(self.failures, chosen)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Episodes]) -> Episodes:
+        """All episodes of the parts, at least one, in their order."""
+        names = [f.name for f in fields(cls) if f.name != "failures"]
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return cls(**columns, failures=tuple(chain.from_iterable(part.failures for part in parts)))
 
 
 def evaluate_policies(

@@ -9,6 +9,12 @@ Two things differ from the paper's algorithm, which is kept as it is in `hdsafeb
 * The acquisition function is maximised by gradient ascent within the safe set. Part of a batch climbs the
   posterior mean, the rest climbs posterior sample paths (Thompson sampling) close to where that leads.
 
+Features of the problem may hide directions of the searched space: they change no kernel input, and no ascent
+moves along them, though the outcomes may well depend on them. The rest of a batch is then chosen by Thompson
+sampling among random steps in all directions, at radii spread over orders of magnitude.
+
+What the trials show to be believed too easily makes the safe set smaller (see `caution`).
+
 On a problem with a finite candidate set the trust region is the set of rows nearest to the best safe row and
 to the next best ones that lie a length scale apart (several regions at a time, as in TuRBO-m: Eriksson et
 al., NeurIPS 2019), with some rows from everywhere. The safety bound then speaks of what will be evaluated, as
@@ -29,6 +35,7 @@ from hdsafebo.ascent import Metric, ascend
 from hdsafebo.errors import ProblemError
 from hdsafebo.kernel import fast_distances
 from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.caution import Caution
 from hdsafebo.optimizers.empty_set import complete_batch
 from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.problem import FloatArray, IntArray, Trials
@@ -37,6 +44,8 @@ from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
 
 _AFFINE_TOLERANCE = 1e-6
 _CLOUD = 64
+_STEPS = 1600
+_STEP_RADII = (0.05, 2.0)
 _CENTRES = 100
 _NONE = np.empty(0, np.int64)
 
@@ -57,6 +66,8 @@ class HdSafeBOLocalSettings(OptimizerSettings):
         probe_min: smallest radius of the first round, in median distances of the initial data.
         probe_max: largest one.
         steps: of an ascent.
+        caution: by how much beta is lowered for each violation beyond the promised number of them, in a
+            continuous space; 0 leaves it as it is.
         regions: on a finite candidate set, the most trust regions at a time; they share its rows equally.
         rows_initial: size of the trust regions together, in rows of a finite candidate set.
         rows_max: largest size.
@@ -75,6 +86,7 @@ class HdSafeBOLocalSettings(OptimizerSettings):
     probe_min: float = Field(default=1e-3, gt=0)
     probe_max: float = Field(default=2e-2, gt=0)
     steps: int = Field(default=20, ge=1)
+    caution: float = Field(default=3.0, ge=0)
     regions: int = Field(default=4, ge=1)
     rows_initial: int = Field(default=4000, ge=1)
     rows_max: int = Field(default=16000, ge=1)
@@ -100,6 +112,7 @@ class HdSafeBOLocal(Optimizer):
         else:
             self._rule = TrustRegionRule(s.rows_initial, s.rows_min, s.rows_max, *tolerances)
         self.region = TrustRegion(self._rule.initial)
+        self.caution = Caution()
         self._metric: Metric | None = None
 
     def propose(self, n: int) -> Proposal:
@@ -107,13 +120,17 @@ class HdSafeBOLocal(Optimizer):
         if self.problem.candidates is not None:
             return self._choose_rows(n)
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
-        if self.round == 0 and n > 1:
-            return self._believed(self._probe(centre, n), centre)
+        hidden = self.metric.hides_directions
+        if self.round == 0 and n > 1 and not hidden:
+            return self._believed(self._probe(centre, n), centre, n)
         climbers = self._exploit(centre, n)
-        predicted = self.surrogate.objective.predict_mean(self.metric.inputs(climbers))
         count = int(self.settings.exploit * n + self.rng.random())  # in the mean, the share of the batch
-        explorers = self._explore(climbers[predicted.argmax()], n - count)
-        return self._believed(np.concatenate([climbers[:count], explorers]), centre)
+        if hidden:
+            explorers = self._step(centre, n - count)
+        else:
+            predicted = self.surrogate.objective.predict_mean(self.metric.inputs(climbers))
+            explorers = self._explore(climbers[predicted.argmax()], n - count)
+        return self._believed(np.concatenate([climbers[:count], explorers]), centre, n)
 
     def centre_row(self) -> int:
         """Row of the best feasible trial among those believed safe, or of Algorithm 1's x* when none is.
@@ -124,12 +141,21 @@ class HdSafeBOLocal(Optimizer):
         rows = rows[np.argsort(-self.trials.objective[rows], kind="stable")[:_CENTRES]]
         if len(rows):
             inputs = self.kernel_inputs(self.trials[rows])
-            rows = rows[self.surrogate.believed_safe(inputs, self.settings.confidence)]
+            rows = rows[self.surrogate.believed_safe(inputs, self.confidence)]
         return int(rows[0]) if len(rows) else super().centre_row()
 
+    @property
+    def confidence(self) -> float:
+        """The beta of the safe set: the given one, lowered where it promised too much."""
+        return self.caution.corrected(self.settings.confidence, self.settings.caution)
+
     def finish_round(self, trials: Trials) -> None:
-        """A round succeeds when it improves on the best feasible objective."""
+        """A round succeeds when it improves on the best feasible objective; violations lower beta."""
         self.region = safe_update(self.region, self._ledger.improved_by(trials.id), self._rule)
+        promised = trials.completed & ~trials.marked_unsafe
+        if self.problem.candidates is None:
+            violations = int((promised & ~self.feasible[trials.id]).sum())
+            self.caution = self.caution.after(violations, int(promised.sum()), self.settings.confidence)
 
     # --- continuous space
 
@@ -153,6 +179,17 @@ class HdSafeBOLocal(Optimizer):
         radius = self.settings.explore_radius * self.surrogate.length_scale
         return self._climb(paths.value_and_gradient, centre, np.full(n, radius))
 
+    def _step(self, centre: FloatArray, n: int) -> FloatArray:
+        """Random steps that are believed safe, each the best of a sample path of its own; at most n."""
+        radii = np.geomspace(*_STEP_RADII, _STEPS) * self.region.length * self.surrogate.length_scale
+        steps = self._around(centre, radii)
+        inputs = self.metric.inputs(steps)
+        safe = self.surrogate.believed_safe(inputs, self.confidence)
+        steps, inputs = steps[safe], inputs[safe]
+        if len(steps) > n:
+            steps = steps[thompson_sample(self.surrogate.objective, inputs, n, self.rng)]
+        return steps
+
     def _mean_value(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
         mean, _, gradient, _ = self.surrogate.objective.predict_with_gradient(inputs)
         return mean, gradient
@@ -161,7 +198,7 @@ class HdSafeBOLocal(Optimizer):
         start = self._around(centre, 0.02 * radius)
         points, _ = ascend(
             value,
-            lambda inputs: self.surrogate.slack_with_gradient(inputs, self.settings.confidence),
+            lambda inputs: self.surrogate.slack_with_gradient(inputs, self.confidence),
             start,
             centre,
             radius,
@@ -175,14 +212,13 @@ class HdSafeBOLocal(Optimizer):
         direction = self.metric.normalised(self.rng.standard_normal((len(radius), len(centre))))
         return np.clip(centre + radius[:, None] * direction, 0.0, 1.0)
 
-    def _believed(self, points: FloatArray, centre: FloatArray) -> Proposal:
-        """The points that are believed safe; for each other one, a believed point close to the centre."""
-        n = len(points)
+    def _believed(self, points: FloatArray, centre: FloatArray, n: int) -> Proposal:
+        """The points, at most n, that are believed safe; for each other one, one close to the centre."""
         reach = self.settings.explore_radius * self.surrogate.length_scale
         cloud = self._around(centre, reach * np.geomspace(1e-3, 1.0, _CLOUD))
         candidates = np.concatenate([points, cloud])
         inputs = self.metric.inputs(candidates)
-        safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
+        safe = self.surrogate.believed_safe(inputs, self.confidence)
         chosen = complete_batch(
             np.flatnonzero(safe)[:n], n, inputs, self.surrogate, self.settings.empty_safe_set
         )
@@ -283,9 +319,10 @@ class HdSafeBOLocal(Optimizer):
         return candidates.features[rows]
 
     def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Length and counters of the trust region."""
-        return asdict(self.region), {}
+        """Length and counters of the trust region, and the violations in excess."""
+        return asdict(self.region) | asdict(self.caution), {}
 
     def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take back what `method_state` gave."""
-        self.region = TrustRegion(**state)
+        self.caution = Caution(state["excess"])
+        self.region = TrustRegion(state["length"], state["successes"], state["failures"])

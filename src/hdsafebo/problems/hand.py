@@ -14,6 +14,9 @@ Objective: the sum of rewards of an episode. Safety functions:
   at the end. Nothing unsafe happens below its threshold 0: it is on record to say which policies do the task.
 
 Of these four only those bind an optimiser that are modelled or reported; the others are on record.
+
+No initial policy does the task: a few per cent of uniform draws end upright, and an optimiser that is given
+one has nothing to find. Such draws are replaced by further ones, for all methods alike.
 """
 
 from __future__ import annotations
@@ -24,9 +27,10 @@ from pathlib import Path
 
 import numpy as np
 
+from hdsafebo.errors import HandModelError
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.reference import behaviour_map, load_moment
-from hdsafebo.hand.rollout import UPRIGHT_TILT, Scene, evaluate_policies
+from hdsafebo.hand.rollout import UPRIGHT_TILT, Episodes, Scene, evaluate_policies
 from hdsafebo.hand.synergies import load_synergies, synergy_policies
 from hdsafebo.params import HandProblem, Params
 from hdsafebo.problem import Evaluation, FloatArray, IntArray, Problem, Safety, Trials
@@ -35,6 +39,8 @@ from hdsafebo.problems.registry import Codec, Task
 SYNERGY_FILE = "models/synergies/pca.safetensors"
 MOMENT_FILE = "models/synergies/observations.safetensors"
 _LOCAL = "hdsafebo_local"
+_MOST_DRAWS = 10
+"""Draws of the initial policies, each of as many as the last one left to find."""
 
 
 @dataclass(frozen=True)
@@ -85,15 +91,42 @@ class HandPolicies(Problem):
         self.box = box
         self.safety = safety
         self.features = features
+        self._design: tuple[FloatArray, Evaluation] | None = None
         reach = box * np.repeat(np.abs(synergies.basis).sum(axis=0), synergies.observations)
         self.bounds = np.stack([-reach, reach])  # what the box over synergies reaches
 
     def evaluate(self, trials: Trials) -> Evaluation:
         """One episode per policy; a simulation that diverges is a failed evaluation."""
-        outcome = evaluate_policies(self.scene, self.space, trials.x)
-        lost = (
-            self.scene.horizon + 1 - outcome.steps
-        )  # control steps left when the bottle dropped, at least 1
+        if self._design is not None and np.array_equal(self._design[0], trials.x):
+            return self._design[1]  # `initial` played them
+        return self._evaluation(evaluate_policies(self.scene, self.space, trials.x))
+
+    def initial(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
+        """Policies drawn uniformly from the box over synergies, without those that end upright.
+
+        They are played to know; `evaluate` does not play them again.
+
+        Raises:
+            HandModelError: nearly all draws end upright.
+        """
+        x = np.empty((0, self.bounds.shape[1]))
+        played: list[Episodes] = []
+        for _ in range(_MOST_DRAWS):
+            codes = rng.uniform(-self.box, self.box, (n - len(x), self.codec.space.dimension))
+            policies = self.codec.decode(codes)
+            episodes = evaluate_policies(self.scene, self.space, policies)
+            x = np.concatenate([x, policies[~episodes.upright]])
+            played.append(episodes.where(~episodes.upright))
+            if len(x) == n:
+                self._design = x, self._evaluation(Episodes.joined(played))
+                return x, np.full(n, -1)
+        raise HandModelError(
+            f"after {_MOST_DRAWS} draws only {len(x)} of {n} random policies do not end upright; "
+            "expected a box, horizon and roll with which most do not"
+        )
+
+    def _evaluation(self, outcome: Episodes) -> Evaluation:
+        lost = self.scene.horizon + 1 - outcome.steps  # control steps left at a drop, at least 1
         columns = {
             "landing_speed": -outcome.landing_speed,
             "no_drop": np.where(outcome.dropped, -lost / self.scene.horizon, 1.0),
@@ -102,11 +135,6 @@ class HandPolicies(Problem):
         }
         safety = np.stack([columns[function.name] for function in self.safety], axis=1)
         return Evaluation(outcome.total_reward, safety, outcome.failed)
-
-    def initial(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
-        """Policies drawn uniformly from the box over synergies."""
-        codes = rng.uniform(-self.box, self.box, (n, self.codec.space.dimension))
-        return self.codec.decode(codes), np.full(n, -1)
 
 
 def safety_functions(

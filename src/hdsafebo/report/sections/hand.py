@@ -15,7 +15,8 @@ from hdsafebo.report.tables_hand import upright, upright_finding, upright_table
 _INTRO = Text(
     "A linear policy turns observations into muscle synergies; the bottle is to be rotated to vertical "
     "and held. "
-    "Objective: return of an episode. Safety: the landing speed of the bottle."
+    "Objective: return of an episode. Safety: the landing speed of the bottle. Initial policies are random "
+    "policies over synergies without those that end upright, the same ones for all methods."
 )
 _MODELLED = Text(
     "What is modelled, and why: a held bottle ends at about 0 m/s and a dropped one at 4.1 to 4.5 m/s, so "
