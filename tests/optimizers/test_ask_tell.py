@@ -161,6 +161,21 @@ def test_codes_are_those_of_the_evaluated_input() -> None:
     np.testing.assert_array_equal(made.space.bounds, [initial.min(axis=0), initial.max(axis=0)])
 
 
+def test_a_searched_code_stays_when_the_encoder_does_not_undo_the_decoder() -> None:
+    class Lossy(Halving):
+        """As autoencoders do, it encodes near to the code that was decoded."""
+
+        def encode(self, x):
+            return 0.45 * x
+
+    made = HdSafeBO(bowl_problem(), embedding=Lossy(), bounds=[[0.0] * 4, [0.5] * 4], seed=2)
+    initial = observe_initial(made)
+    np.testing.assert_array_equal(initial.z, 0.45 * initial.x)
+    trials = made.ask(4)
+    np.testing.assert_allclose(trials.z, trials.x / 2)  # the code that was believed safe, and its image
+    np.testing.assert_array_equal(made.space.to_unit(trials.z).clip(0, 1), made.space.to_unit(trials.z))
+
+
 def test_inputs_stay_within_the_bounds_of_the_problem() -> None:
     class Far(Halving):
         def decode(self, z):

@@ -118,6 +118,26 @@ def test_files_that_belong_elsewhere(tmp_path: Path) -> None:
     assert isinstance(load_optimizer("hdsafebo", path, bowl_problem(), Halving()), HdSafeBO)
 
 
+def test_codes_that_the_encoder_does_not_give_back(tmp_path: Path) -> None:
+    class Lossy(Halving):
+        def encode(self, x):
+            return 0.45 * x
+
+    class Other(Lossy):
+        def decode(self, z):
+            return 1.9 * z
+
+    box = [[0.0] * 4, [0.5] * 4]
+    made = HdSafeBO(bowl_problem(), embedding=Lossy(), bounds=box, seed=1)
+    observe_initial(made, 4)
+    run_rounds(made, 2)
+    made.save(tmp_path / "state")
+    again = HdSafeBO.load(tmp_path / "state", bowl_problem(), Lossy())
+    np.testing.assert_array_equal(again.ask(2).z, made.ask(2).z)
+    with pytest.raises(StateFileError, match="other codes"):
+        HdSafeBO.load(tmp_path / "state", bowl_problem(), Other())
+
+
 @pytest.mark.parametrize("content", [b"", b"\x00" * 64, b"\xff" * 100, b'{"a": 1}', b"\x80\x04K\x01."])
 def test_damaged_files(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "state"

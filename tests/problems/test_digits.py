@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import DatasetError, EmbeddingTrainingError
+from hdsafebo.params.tasks import DigitsProblem
 from hdsafebo.problem import Trials
 from hdsafebo.problems.digit_images import load_digit_images, read_idx
 from hdsafebo.problems.digit_predictor import DigitPredictor
@@ -140,3 +141,15 @@ def test_log_odds_keep_the_order_and_the_threshold(predictor: DigitPredictor) ->
     assert np.isfinite(transform(p)).all()
     assert (np.diff(transform(p)) > 0).all()
     assert problem.is_safe(problem.evaluate(Trials.pending(problem.images, problem.images, 1)).safety).any()
+
+
+def test_the_temperature_keeps_images_valid_and_probabilities_apart(predictor: DigitPredictor) -> None:
+    images = load_digit_images("sklearn")
+    shown = images.pixels[images.labels == 0]
+    mild, plain, strong = (
+        predictor.probability(shown, 0, temperature)
+        for temperature in (DigitsProblem().temperature, 1.0, 200.0)
+    )
+    assert (mild >= 0.5).mean() > 0.9
+    assert (mild < 0.99).mean() > 0.9 > (plain < 0.99).mean()
+    assert not (strong >= 0.5).any()  # the paper's 200 belongs to outputs of another scale

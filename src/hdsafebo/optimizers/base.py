@@ -1,7 +1,7 @@
 """Ask and tell: what every optimiser shares.
 
-A proposal travels from the unit cube to a code z, to an input x = decode(z), to the nearest candidate when
-only a finite set can be evaluated, and back to the code of that input: models are told of, and safety is
+A proposal travels from the unit cube to a code z and to an input x = decode(z). When only a finite set can be
+evaluated it goes on to the nearest candidate and back to the code of that: models are told of, and safety is
 predicted for, the point that will really be evaluated.
 """
 

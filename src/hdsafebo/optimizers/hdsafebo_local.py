@@ -13,6 +13,8 @@ Features of the problem may hide directions of the searched space: they change n
 moves along them, though the outcomes may well depend on them. The rest of a batch is then chosen by Thompson
 sampling among random steps in all directions, at radii spread over orders of magnitude.
 
+Asked for single trials in a continuous space it makes one climb after another (see `climbs`).
+
 What the trials show to be believed too easily makes the safe set smaller (see `caution`).
 
 On a problem with a finite candidate set the trust region is the set of rows nearest to the best safe row and
@@ -23,7 +25,7 @@ it does not when a point of a continuous space is replaced by its nearest row.
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import ceil
 from typing import Any
 
@@ -36,9 +38,10 @@ from hdsafebo.errors import ProblemError
 from hdsafebo.kernel import fast_distances
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.caution import Caution
+from hdsafebo.optimizers.climbs import Climb, gain, jump
 from hdsafebo.optimizers.empty_set import complete_batch
 from hdsafebo.optimizers.settings import OptimizerSettings
-from hdsafebo.problem import FloatArray, IntArray, Trials
+from hdsafebo.problem import FloatArray, IntArray, Status, Trials
 from hdsafebo.sampling import SamplePaths, thompson_sample
 from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
 
@@ -68,6 +71,9 @@ class HdSafeBOLocalSettings(OptimizerSettings):
         steps: of an ascent.
         caution: by how much beta is lowered for each violation beyond the promised number of them, in a
             continuous space; 0 leaves it as it is.
+        patience: single trials in a continuous space without gain after which a climb is over.
+        jump_beta: of the safe set in which the next climb begins; None takes `beta`. A larger one finds more
+            optima; first trials that `beta` alone would have refused are marked.
         regions: on a finite candidate set, the most trust regions at a time; they share its rows equally.
         rows_initial: size of the trust regions together, in rows of a finite candidate set.
         rows_max: largest size.
@@ -87,6 +93,8 @@ class HdSafeBOLocalSettings(OptimizerSettings):
     probe_max: float = Field(default=2e-2, gt=0)
     steps: int = Field(default=20, ge=1)
     caution: float = Field(default=3.0, ge=0)
+    patience: int = Field(default=8, ge=1)
+    jump_beta: float | None = None
     regions: int = Field(default=4, ge=1)
     rows_initial: int = Field(default=4000, ge=1)
     rows_max: int = Field(default=16000, ge=1)
@@ -113,12 +121,15 @@ class HdSafeBOLocal(Optimizer):
             self._rule = TrustRegionRule(s.rows_initial, s.rows_min, s.rows_max, *tolerances)
         self.region = TrustRegion(self._rule.initial)
         self.caution = Caution()
+        self.climb = Climb()
         self._metric: Metric | None = None
 
     def propose(self, n: int) -> Proposal:
         """A probe in the first round, then ascents; on a finite set, rows of the trust region."""
         if self.problem.candidates is not None:
             return self._choose_rows(n)
+        if n == 1 and (first := self._next_climb()) is not None:
+            return first
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
         hidden = self.metric.hides_directions
         if self.round == 0 and n > 1 and not hidden:
@@ -133,16 +144,18 @@ class HdSafeBOLocal(Optimizer):
         return self._believed(np.concatenate([climbers[:count], explorers]), centre, n)
 
     def centre_row(self) -> int:
-        """Row of the best feasible trial among those believed safe, or of Algorithm 1's x* when none is.
+        """Row of the climb's best feasible trial among those believed safe, or of Algorithm 1's x*.
 
         Around a trial that was safe by luck or by less than the noise, little is believed safe.
         """
-        rows = np.flatnonzero(self.feasible)
+        rows = np.flatnonzero(self.feasible & self.climb.owns(self.trials))
         rows = rows[np.argsort(-self.trials.objective[rows], kind="stable")[:_CENTRES]]
         if len(rows):
             inputs = self.kernel_inputs(self.trials[rows])
-            rows = rows[self.surrogate.believed_safe(inputs, self.confidence)]
-        return int(rows[0]) if len(rows) else super().centre_row()
+            believed = rows[self.surrogate.believed_safe(inputs, self.confidence)]
+            if len(believed) or self.climb.first > 0:
+                return int(believed[0] if len(believed) else rows[0])
+        return super().centre_row()
 
     @property
     def confidence(self) -> float:
@@ -150,8 +163,11 @@ class HdSafeBOLocal(Optimizer):
         return self.caution.corrected(self.settings.confidence, self.settings.caution)
 
     def finish_round(self, trials: Trials) -> None:
-        """A round succeeds when it improves on the best feasible objective; violations lower beta."""
-        self.region = safe_update(self.region, self._ledger.improved_by(trials.id), self._rule)
+        """A round succeeds when it improves on the climb's best feasible objective; violations lower beta."""
+        own = self.feasible & self.climb.owns(self.trials)
+        improved, gained = gain(self.trials, own, trials.id)
+        self.region = safe_update(self.region, improved, self._rule)
+        self.climb = self.climb.after(gained)
         promised = trials.completed & ~trials.marked_unsafe
         if self.problem.candidates is None:
             violations = int((promised & ~self.feasible[trials.id]).sum())
@@ -189,6 +205,33 @@ class HdSafeBOLocal(Optimizer):
         if len(steps) > n:
             steps = steps[thompson_sample(self.surrogate.objective, inputs, n, self.rng)]
         return steps
+
+    def _next_climb(self) -> Proposal | None:
+        """The trial that begins the next climb; None while the present one goes on, or when there is none."""
+        if len(self.trials) == 0 or not self.feasible.any():
+            return None
+        own = self.trials[self.climb.owns(self.trials)]
+        begun = self.feasible[own.id].any() or (own.status == Status.PENDING).any()
+        inputs = self.kernel_inputs(self.trials)
+        known: Climb | None = Climb(tops=self.climb.tops)
+        if begun:
+            scale = self.surrogate.objective.length_scale
+            known = self.climb.over(self.centre_row(), inputs, scale, self.settings.patience)
+        if known is None:
+            return None
+        rows = np.flatnonzero(self.feasible)
+        rows = rows[np.argsort(-self.trials.objective[rows], kind="stable")]
+        starts = np.clip(self.space.to_unit(self.trials.z[rows]), 0.0, 1.0)
+        beta = self.confidence if self.settings.jump_beta is None else self.settings.jump_beta
+        steps = self.settings.steps
+        point = jump(self.surrogate, starts, inputs[list(known.tops)], self.metric, beta, steps, self.rng)
+        if point is None:
+            self.climb = known  # a round around the best trial of all, then another sample path
+            return None
+        believed = self.surrogate.believed_safe(self.metric.inputs(point), self.confidence)
+        self.climb = replace(known, first=len(self.trials))
+        self.region = TrustRegion(self._rule.initial)
+        return Proposal(point, marked_unsafe=~believed)
 
     def _mean_value(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
         mean, _, gradient, _ = self.surrogate.objective.predict_with_gradient(inputs)
@@ -319,10 +362,11 @@ class HdSafeBOLocal(Optimizer):
         return candidates.features[rows]
 
     def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Length and counters of the trust region, and the violations in excess."""
-        return asdict(self.region) | asdict(self.caution), {}
+        """Length and counters of the trust region, the violations in excess, and the climb."""
+        return asdict(self.region) | asdict(self.caution) | asdict(self.climb), {}
 
     def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take back what `method_state` gave."""
         self.caution = Caution(state["excess"])
         self.region = TrustRegion(state["length"], state["successes"], state["failures"])
+        self.climb = Climb(state["first"], tuple(state["tops"]), state["stalled"])

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdsafebo.errors import HdSafeBOError, StateFileError
 from hdsafebo.optimizers.state_file import read_state, write_state
-from hdsafebo.problem import Problem, Trials
+from hdsafebo.problem import FloatArray, Problem, Trials
 
 if TYPE_CHECKING:
     from hdsafebo.optimizers.base import Optimizer
@@ -103,9 +104,24 @@ def _check_codes(path: Path, trials: Trials, optimizer: Optimizer) -> None:
     if not np.array_equal(trials.id, np.arange(len(trials))):
         raise StateFileError(f"{path}: ids of the trials are not 0 to {len(trials) - 1}")
     if len(trials):
-        x = trials.x[:_CODES_CHECKED]
-        z = x if optimizer.embedding is None else np.asarray(optimizer.embedding.encode(x), float)
-        if z.shape != trials.z[:_CODES_CHECKED].shape or not np.allclose(
-            z, trials.z[:_CODES_CHECKED], rtol=1e-6, atol=1e-9
-        ):
+        some = trials[:_CODES_CHECKED]
+        if not _belong(some, optimizer).all():
             raise StateFileError(f"{path}: the embedding gives other codes than those that were saved")
+
+
+def _belong(trials: Trials, optimizer: Optimizer) -> NDArray[np.bool_]:
+    """(n,) True where the code is the input's, or the input is the code's (see `proposal.realise`)."""
+    if optimizer.embedding is None:
+        return _same_rows(trials.x, trials.z)
+    encoded = _same_rows(np.asarray(optimizer.embedding.encode(trials.x), float), trials.z)
+    if encoded.all() or optimizer.problem.candidates is not None:
+        return encoded
+    lower, upper = optimizer.problem.bounds
+    decoded = np.clip(np.asarray(optimizer.embedding.decode(trials.z), float), lower, upper)
+    return encoded | ((trials.round > 0) & _same_rows(decoded, trials.x))
+
+
+def _same_rows(a: FloatArray, b: FloatArray) -> NDArray[np.bool_]:
+    if a.shape != b.shape:
+        return np.zeros(len(b), bool)
+    return np.asarray(np.isclose(a, b, rtol=1e-6, atol=1e-9).all(axis=1))

@@ -62,7 +62,7 @@ class Realised:
 def realise(
     proposal: Proposal, problem: Problem, embedding: Codec | None, space: SearchSpace, taken: IntArray
 ) -> Realised:
-    """Decode a proposal, move it to the nearest free candidates of a finite set, and encode that again.
+    """Decode a proposal; on a finite set, move it to the nearest free candidates and encode those again.
 
     Args:
         proposal: of a method.
@@ -93,7 +93,12 @@ def realise(
     n = len(x)
     marked = np.zeros(n, bool) if proposal.marked_unsafe is None else np.asarray(proposal.marked_unsafe, bool)
     length = np.broadcast_to(np.asarray(proposal.trust_region_length, float), (n,)).copy()
-    return Realised(x, encode(embedding, x), np.asarray(rows, np.int64), length, marked)
+    codes = encode(embedding, x)
+    if candidates is None and embedding is not None:
+        # An autoencoder's encoder does not undo its decoder, and the outcome is a function of the code that
+        # was decoded. Where it does undo it, its code is taken, which `observe` would give the same input.
+        codes = np.where(np.isclose(codes, z).all(axis=1, keepdims=True), codes, z)
+    return Realised(x, codes, np.asarray(rows, np.int64), length, marked)
 
 
 def encode(embedding: Codec | None, x: FloatArray) -> FloatArray:
