@@ -10,6 +10,7 @@ import pytest
 from hdsafebo.report.methods import beta_of_ablation, by_family, order, style
 from hdsafebo.report.results import DIGITS, Results, Settings
 from hdsafebo.report.runs import read_runs
+from hdsafebo.report.tables import metrics_table
 from report.run_files import trial_table, write_run
 
 
@@ -30,6 +31,18 @@ def test_comparison_is_the_same_both_ways_and_every_time(tmp_path: Path) -> None
     assert c == first.compare("toy", "cei", "scbo", "objective").reversed()
     assert c == again.compare("toy", "scbo", "cei", "objective")
     assert c.difference == pytest.approx(1.0)
+
+
+def test_runs_that_found_nothing_safe_are_worse_and_counted(tmp_path: Path) -> None:
+    runs(tmp_path, "toy", "hdsafebo", [3.0 + 0.1 * k for k in range(8)])
+    unsafe = [trial_table(s, [0.0, 9.0], [-1.0, -1.0], n_initial=1, batch=1) for s in range(8)]
+    write_run(tmp_path, "toy", "hesbo", unsafe, n_initial=1, batch=1)
+    results = load(tmp_path)
+    c = results.compare("toy", "hdsafebo", "hesbo", "objective")
+    assert (c.better, c.pairs, c.infinite) == (True, 8, 8)
+    table = metrics_table(results, "toy", ["hdsafebo", "hesbo"], "caption", "name")
+    details = [row[2].small for row in table.rows]
+    assert details == ["", "nothing safe in 8 runs"]
 
 
 def test_leader(tmp_path: Path) -> None:

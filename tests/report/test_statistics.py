@@ -65,6 +65,22 @@ def test_only_common_units_count() -> None:
     assert versus([1.0, 2.0], [float("nan"), 1.0]).pairs == 1
 
 
+def test_what_found_nothing_is_worse_than_any_value() -> None:
+    nothing = -math.inf
+    some = versus([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [0.5, 0.5, nothing, nothing, nothing, nothing])
+    assert (some.pairs, some.infinite, some.difference) == (6, 4, 1.0)
+    assert some.p_value == pytest.approx(2 / 2**6, abs=0.01)
+    assert some.better
+    assert some.reversed().worse
+    none = versus([-3.0] * 6, [nothing] * 6)
+    assert none.difference == math.inf
+    assert none.better
+    assert none.reversed().worse
+    assert versus([nothing] * 6, [nothing] * 6).pairs == 0
+    mixed = versus([1.0, nothing] * 3, [nothing, 1.0] * 3)
+    assert (mixed.difference, mixed.significant) == (0.0, False)
+
+
 def test_equal_methods_are_not_significant() -> None:
     c = versus([1.0] * 8, [1.0] * 8)
     assert (c.difference, c.p_value, c.significant) == (0.0, 1.0, False)

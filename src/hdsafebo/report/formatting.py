@@ -48,5 +48,9 @@ def signed(value: float) -> str:
 
 def interval(c: Comparison) -> str:
     """Interval, p value and number of pairs of a comparison."""
-    p = "p < 0.0001" if c.p_value < 1e-4 else f"p = {c.p_value:.2g}"
-    return f"{number(c.interval[0])} to {number(c.interval[1])}, {p}, {c.pairs} pairs"
+    low, high = c.interval
+    parts = [f"{number(low)} to {number(high)}"] if math.isfinite(low + high) else []
+    parts += ["p < 0.0001" if c.p_value < 1e-4 else f"p = {c.p_value:.2g}", f"{c.pairs} pairs"]
+    if c.infinite:
+        parts.append(f"in {c.infinite} of them only one method found anything safe")
+    return ", ".join(parts)

@@ -126,16 +126,19 @@ class Results:
         return max(v for v in known if v is not None) if known else None
 
     def compare(self, task: str, a: str, b: str, metric: str) -> Comparison:
-        """Is method a better than method b? Paired over common units."""
+        """Is method a better than method b? Paired over common units.
+
+        A run that found nothing safe has no objective; it is worse than any that has one.
+        """
         if a > b:  # one bootstrap serves both directions
             return self.compare(task, b, a, metric).reversed()
         key = f"{task}/{a}/{b}/{metric}"
         if key not in self._comparisons:
+            columns = [self.metrics(task, m)[metric] for m in (a, b)]
+            if metric == "objective":
+                columns = [column.fillna(-np.inf) for column in columns]
             self._comparisons[key] = self.compare_values(
-                key,
-                self.metrics(task, a)[metric],
-                self.metrics(task, b)[metric],
-                higher_is_better=HIGHER_IS_BETTER[metric],
+                key, *columns, higher_is_better=HIGHER_IS_BETTER[metric]
             )
         return self._comparisons[key]
 

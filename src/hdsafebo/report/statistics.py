@@ -40,19 +40,23 @@ class Comparison:
 
     Attributes:
         pairs: number of common units.
-        difference: mean of a - b, signed so that positive means a is better.
+        difference: mean of a - b over the finite ones, signed so that positive means a is better; infinite
+            when there is none.
         interval: percentile bootstrap interval of the mean difference.
         p_value: two-sided Wilcoxon signed-rank test (zeros by Pratt's rule); 1 without differences.
+        infinite: pairs of which one value is infinite; to the test they are the largest differences.
     """
 
     pairs: int
     difference: float
     interval: tuple[float, float]
     p_value: float
+    infinite: int = 0
 
     def reversed(self) -> Comparison:
         """b compared with a."""
-        return Comparison(self.pairs, -self.difference, (-self.interval[1], -self.interval[0]), self.p_value)
+        low, high = self.interval
+        return Comparison(self.pairs, -self.difference, (-high, -low), self.p_value, self.infinite)
 
     @property
     def significant(self) -> bool:
@@ -93,7 +97,8 @@ def compare(
     """Compare two methods on their common units.
 
     Args:
-        a: values by unit (a seed, or a task that was averaged over its seeds).
+        a: values by unit (a seed, or a task that was averaged over its seeds); -inf is worse than any value,
+            NaN is none.
         b: the same for the other method.
         rng: draws the bootstrap samples.
         higher_is_better: sign of the comparison.
@@ -101,14 +106,22 @@ def compare(
         confidence: of the bootstrap interval.
     """
     both = pd.concat([a, b], axis=1, join="inner").dropna().to_numpy(float)
+    both = both[np.isfinite(both).any(axis=1)]
     d = (both[:, 0] - both[:, 1]) * (1.0 if higher_is_better else -1.0)
     if len(d) == 0:
         nan = float("nan")
         return Comparison(0, nan, (nan, nan), 1.0)
-    means = d[rng.integers(len(d), size=(samples, len(d)))].mean(axis=1)
-    low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2])
-    p_value = float(stats.wilcoxon(d, zero_method="pratt").pvalue) if np.any(d) else 1.0
-    return Comparison(len(d), float(d.mean()), (float(low), float(high)), p_value)
+    finite = d[np.isfinite(d)]
+    if len(finite):
+        means = finite[rng.integers(len(finite), size=(samples, len(finite)))].mean(axis=1)
+        low, high = np.quantile(means, [(1 - confidence) / 2, (1 + confidence) / 2])
+        difference = finite.mean()
+    else:
+        low, high, difference = d.min(), d.max(), d[0] if d.min() == d.max() else 0.0
+    largest = np.abs(finite).max(initial=0.0) + 1.0
+    ranked = np.clip(d, -largest, largest)
+    p_value = float(stats.wilcoxon(ranked, zero_method="pratt").pvalue) if np.any(ranked) else 1.0
+    return Comparison(len(d), float(difference), (float(low), float(high)), p_value, len(d) - len(finite))
 
 
 def clopper_pearson(

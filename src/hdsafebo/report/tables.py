@@ -54,7 +54,8 @@ def metrics_table(results: Results, task: str, methods: list[str], caption: str,
     leaders = {metric: results.leader(task, metric, methods) for metric in metrics}
     rows, records = [], []
     for method in methods:
-        cells = [Cell(style(method).label), Cell(str(len(results.metrics(task, method))))]
+        runs = len(results.metrics(task, method))
+        cells = [Cell(style(method).label), Cell(str(runs))]
         record: dict[str, object] = {"task": task, "method": method}
         for metric in metrics:
             ours, theirs, leader = (
@@ -63,7 +64,10 @@ def metrics_table(results: Results, task: str, methods: list[str], caption: str,
                 leaders[metric],
             )
             best = leader is not None and leader.method == method and leader.significant
-            cells.append(Cell(with_error(ours), paper_text(theirs), best))
+            notes = [paper_text(theirs)]
+            if metric == "objective" and ours.runs < runs:
+                notes.insert(0, f"nothing safe in {runs - ours.runs} runs")
+            cells.append(Cell(with_error(ours), ", ".join(filter(None, notes)), best))
             record |= {
                 metric: ours.mean,
                 f"{metric}_se": ours.se,
@@ -108,7 +112,8 @@ def comparison_table(results: Results, task: str, methods: list[str]) -> Table:
             records.append(record)
     caption = (
         "Advantage of the first method over the second on the same seeds (positive is better, also for "
-        "Violation), with bootstrap interval and signed-rank test. Bold: significantly better."
+        "Violation), with bootstrap interval and signed-rank test. Bold: significantly better. To the test a "
+        "run that found nothing safe is worse than any that did; the mean and interval leave it out."
     )
     columns = ["Method", "Against", "Objective", "Safety", "Violation"]
     return Table(f"comparisons_{task}", caption, columns, rows, pd.DataFrame(records))
