@@ -1,6 +1,6 @@
 """HdSafeBO with a trust region the size of the length scale, and ascent in place of candidates.
 
-Two things differ from the paper's algorithm, which is kept as it is in `hdsafebo.py`:
+What differs from the paper's algorithm, which is kept as it is in `hdsafebo.py`:
 
 * The trust region is a ball whose radius is a multiple rho of the fitted length scale. The box of Algorithm 1
   counts widths of the searched space; in many dimensions nearly all of it lies many length scales away from
