@@ -176,6 +176,18 @@ def test_a_searched_code_stays_when_the_encoder_does_not_undo_the_decoder() -> N
     np.testing.assert_array_equal(made.space.to_unit(trials.z).clip(0, 1), made.space.to_unit(trials.z))
 
 
+def test_observed_inputs_keep_the_codes_they_were_decoded_from() -> None:
+    made = HdSafeBO(bowl_problem(), embedding=Halving())
+    x = np.full((3, 4), 0.4)
+    codes = np.full((3, 4), 0.3)
+    codes[1, 2] = np.nan
+    seen = made.observe(x, *bowl(x), codes=codes)
+    np.testing.assert_array_equal(seen.z[[0, 2]], codes[[0, 2]])
+    np.testing.assert_array_equal(seen.z[1], 0.2)
+    with pytest.raises(TrialError, match=r"codes have shape \(2, 4\); expected \(3, 4\)"):
+        made.observe(x, *bowl(x), codes=codes[:2])
+
+
 def test_inputs_stay_within_the_bounds_of_the_problem() -> None:
     class Far(Halving):
         def decode(self, z):

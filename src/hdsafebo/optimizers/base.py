@@ -204,6 +204,7 @@ class Optimizer(ABC):
         *,
         status: ArrayLike | None = None,
         candidate: ArrayLike | None = None,
+        codes: ArrayLike | None = None,
         initial: bool = False,
     ) -> Trials:
         """Take in results of inputs that were not proposed here: initial data, or trials set by hand.
@@ -214,6 +215,8 @@ class Optimizer(ABC):
             safety: (n, m) values, or (n,) when there is one safety function.
             status: as in `tell`.
             candidate: (n,) rows of the finite candidate set, -1 for inputs not in it; None means no row.
+            codes: (n, d) codes that inputs were decoded from, when an optimiser searched them before; rows of
+                NaN, and None, are encoded.
             initial: the data was there before the first `ask`.
 
         Returns:
@@ -226,7 +229,7 @@ class Optimizer(ABC):
         results = check_results(self.problem, len(points), objective, safety, status)
         trials = Trials.pending(
             points,
-            encode(self.embedding, points),
+            encode(self.embedding, points, codes),
             len(self.problem.safety),
             first_id=len(self._ledger),
             candidate=check_rows(self.problem, candidate, len(points)),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import ProblemError, TrialError
 from hdsafebo.problem import FloatArray, IntArray, Problem
@@ -21,6 +21,14 @@ class Codec(Protocol):
 
     def decode(self, z: FloatArray, /) -> FloatArray:
         """(n, d) codes to (n, D) inputs."""
+
+
+@runtime_checkable
+class MovingCodec(Codec, Protocol):
+    """A codec whose decoder moves inputs to where they are permitted, which changes from round to round."""
+
+    def moved(self, z: FloatArray, /) -> NDArray[np.bool_]:
+        """(n,) True for codes whose decoded input was moved."""
 
 
 @dataclass(frozen=True)
@@ -97,22 +105,36 @@ def realise(
     if candidates is None and embedding is not None:
         # An autoencoder's encoder does not undo its decoder, and the outcome is a function of the code that
         # was decoded. Where it does undo it, its code is taken, which `observe` would give the same input.
-        codes = np.where(np.isclose(codes, z).all(axis=1, keepdims=True), codes, z)
+        # Where the input was moved, it is no image of the code at all, and is encoded.
+        encoded = np.asarray(np.isclose(codes, z).all(axis=1))
+        if isinstance(embedding, MovingCodec):
+            encoded |= embedding.moved(z)
+        codes = np.where(encoded[:, None], codes, z)
     return Realised(x, codes, np.asarray(rows, np.int64), length, marked)
 
 
-def encode(embedding: Codec | None, x: FloatArray) -> FloatArray:
+def encode(embedding: Codec | None, x: FloatArray, known: ArrayLike | None = None) -> FloatArray:
     """(n, d) codes of (n, D) inputs; the inputs themselves without an embedding.
 
+    Args:
+        embedding: from codes to inputs.
+        x: the inputs.
+        known: (n, d) codes that some were decoded from, NaN in the other rows.
+
     Raises:
-        TrialError: the embedding gave codes of another shape, or not finite.
+        TrialError: the embedding gave codes of another shape, or not finite; or the known ones have one.
     """
     z = x.copy() if embedding is None else np.asarray(embedding.encode(x), float)
     if z.ndim != 2 or len(z) != len(x) or not np.isfinite(z).all():
         raise TrialError(
             f"the embedding gave codes of shape {z.shape} for {len(x)} inputs; expected finite (n, d)"
         )
-    return z
+    if known is None:
+        return z
+    given = np.asarray(known, float)
+    if given.shape != z.shape:
+        raise TrialError(f"codes have shape {given.shape}; expected {z.shape}")
+    return np.where(np.isfinite(given).all(axis=1, keepdims=True), given, z)
 
 
 def candidates_left(problem: Problem, taken: IntArray) -> int:

@@ -185,6 +185,7 @@ class Advisor:
             self.state.target,
             int(entropy.generate_state(1)[0]),
             self.state.trials,
+            before=self._optimiser,
         )
         if isinstance(self._optimiser, HdSafeBOShortlist):
             self._optimiser.today = self.state.pauses

@@ -17,7 +17,12 @@ from hdsafebo.session.state import Trial
 
 
 def informed_optimiser(
-    definition: Definition, search: Search, target: str, seed: int, trials: Sequence[Trial]
+    definition: Definition,
+    search: Search,
+    target: str,
+    seed: int,
+    trials: Sequence[Trial],
+    before: Optimizer | None = None,
 ) -> Optimizer:
     """A new optimiser of a target that has observed all delivered trials with a record.
 
@@ -27,6 +32,7 @@ def informed_optimiser(
         target: objective.
         seed: of the optimiser.
         trials: all trials of the session, in order.
+        before: that of the target before; the codes it searched stay with their trials (see `realise`).
 
     Raises:
         ParamsError: the method models no safety.
@@ -36,17 +42,26 @@ def informed_optimiser(
     if known:
         inputs = [search.input_of(t.point) for t in known]
         results = [results_of(t, target, search, trials) for t in known]
+        x = np.vstack([x for x, _ in inputs])
         optimiser.observe(
-            np.vstack([x for x, _ in inputs]),
+            x,
             [objective for objective, _, _ in results],
             np.array([safety for _, safety, _ in results]).reshape(-1, len(search.space.safety)),
             status=[status for _, _, status in results],
             candidate=[row for _, row in inputs],
+            codes=None if before is None else _codes_of(x, before.trials),
             initial=True,
         )
     if isinstance(optimiser, HdSafeBOShortlist):
         optimiser.days = np.array([t.day for t in known], np.int64)
     return optimiser
+
+
+def _codes_of(x: FloatArray, trials: Trials) -> FloatArray:
+    """(n, d) codes of the (n, D) inputs among `trials`; NaN for inputs that are not."""
+    known = {row.tobytes(): z for row, z in zip(trials.x, trials.z, strict=True)}
+    nothing = np.full(trials.z.shape[1], np.nan)
+    return np.stack([known.get(row.tobytes(), nothing) for row in x])
 
 
 def new_optimiser(definition: Definition, search: Search, target: str, seed: int) -> Optimizer:

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdsafebo.errors import ProblemError
 from hdsafebo.problem import CandidateSet, Evaluation, FloatArray, IntArray, Problem, Safety, Trials
@@ -134,8 +135,16 @@ class ReachCodec:
 
     def decode(self, z: FloatArray, /) -> FloatArray:
         """(n, D) inputs within reach."""
-        x = self._lower + z * self._width if self._inner is None else self._inner.decode(z)
-        return np.asarray(np.clip(x, self.reach[0], self.reach[1]))
+        return np.asarray(np.clip(self._image(z), self.reach[0], self.reach[1]))
+
+    def moved(self, z: FloatArray, /) -> NDArray[np.bool_]:
+        """(n,) True for codes that stand for an input out of reach."""
+        x = self._image(z)
+        return np.asarray(((x < self.reach[0]) | (x > self.reach[1])).any(axis=1))
+
+    def _image(self, z: FloatArray) -> FloatArray:
+        """(n, D) inputs that the codes stand for, within reach or not."""
+        return self._lower + z * self._width if self._inner is None else np.asarray(self._inner.decode(z))
 
 
 class BoxSearch(Search):
