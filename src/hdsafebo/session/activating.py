@@ -21,11 +21,11 @@ from hdsafebo.problem import FloatArray
 from hdsafebo.session.stimulator import Polarity
 from hdsafebo.spinal.field_map import COLUMNS, ROWS, contact_pixels
 
-DEPTH_MM = 4.0  # of the lines below the contacts: dorsal fluid and a part of the cord
-LINES_MM = (2.0, 8.0, 13.0)  # across: beside, between and away from the two columns of contacts
+DEPTH_MM = 10.0  # of the lines below the contacts; measured outcomes are likelier than with 4 or 6 mm
+LINES_MM = (-1.5, 3.5, 8.5)  # across: the midline of the paddle, and the roots to both sides of it
 STRETCHES = 13  # along the cord
 _MARGIN_MM = 4  # beyond either end of the paddle
-_FLOOR = 2e-5  # mA / mm3: differences among responses this small do not count
+_FLOOR = 1.3e-6  # mA / mm3: differences among responses this small do not count
 _SCALE = 5.0  # brings distances between features to the order of one
 FEATURES = len(LINES_MM) * STRETCHES
 

@@ -214,6 +214,8 @@ class Advisor:
         inputs = optimiser.kernel_inputs(trials)
         surrogate = optimiser.surrogate
         mean, deviation = surrogate.objective.predict(inputs)
+        if isinstance(optimiser, HdSafeBOShortlist):
+            mean, deviation = optimiser.scale.shown(mean, deviation)
         safety_mean, safety_deviation = surrogate.predict_safety(inputs)
         names = [s.name for s in self.search.space.safety]
         return {

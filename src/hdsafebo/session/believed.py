@@ -58,13 +58,12 @@ def believed_best(
     optimiser = new_optimiser(session.definition, search, session.state.target, session.definition.seed)
     inputs = kernel_inputs(optimiser, search, known)
     days = np.array([t.day for t in known])
-    model = fit_days(inputs, np.array([[(t.outcomes or {})[name] for name in names] for t in known]), days)
+    outcomes = np.array([[(t.outcomes or {})[name] for name in names] for t in known])
+    model = fit_days(inputs, space.scale.modelled(outcomes), days)
     rows = np.where(counts[:, None], model.value, -np.inf).argmax(axis=0)
-    return {
-        name: Believed(
-            known[row],
-            float(model.value[row, j]),
-            day_deviation(inputs, days, row, model.theta[j], float(model.signal[j])),
-        )
-        for j, (name, row) in enumerate(zip(names, rows.tolist(), strict=True))
-    }
+    best = {}
+    for j, (name, row) in enumerate(zip(names, rows.tolist(), strict=True)):
+        deviation = day_deviation(inputs, days, row, model.theta[j], float(model.signal[j]))
+        mean, deviation = map(float, space.scale.shown(model.value[row, j], np.array(deviation)))
+        best[name] = Believed(known[row], mean, deviation)
+    return best

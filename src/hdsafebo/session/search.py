@@ -12,6 +12,7 @@ from hdsafebo.errors import ProblemError
 from hdsafebo.problem import CandidateSet, Evaluation, FloatArray, IntArray, Problem, Safety, Trials
 from hdsafebo.session.finite_set import FiniteSet
 from hdsafebo.session.generic_space import GenericSpace
+from hdsafebo.session.outcome_scale import OutcomeScale
 from hdsafebo.session.space import Space
 from hdsafebo.session.state import Point
 
@@ -27,15 +28,25 @@ class Codec(Protocol):
 
 
 class SessionProblem(Problem):
-    """A problem that only people can evaluate."""
+    """A problem that only people can evaluate.
+
+    Attributes:
+        scale: on which noisy objectives are modelled.
+    """
 
     def __init__(
-        self, name: str, bounds: FloatArray, safety: tuple[Safety, ...], candidates: CandidateSet | None
+        self,
+        name: str,
+        bounds: FloatArray,
+        safety: tuple[Safety, ...],
+        candidates: CandidateSet | None,
+        scale: OutcomeScale,
     ) -> None:
         self.name = name
         self.bounds = bounds
         self.safety = safety
         self.candidates = candidates
+        self.scale = scale
 
     def evaluate(self, trials: Trials) -> Evaluation:
         """Not possible: ProblemError."""
@@ -90,7 +101,13 @@ class FiniteSearch(Search):
 
     def problem(self, target: str) -> SessionProblem:
         """See `Search`."""
-        return SessionProblem(f"session:{target}", self.candidates.bounds, self.space.safety, self.candidates)
+        return SessionProblem(
+            f"session:{target}",
+            self.candidates.bounds,
+            self.space.safety,
+            self.candidates,
+            self.space.scale,
+        )
 
     def input_of(self, point: Point) -> tuple[FloatArray, int]:
         """See `Search`."""
@@ -160,7 +177,7 @@ class BoxSearch(Search):
 
     def problem(self, target: str) -> SessionProblem:
         """See `Search`."""
-        return SessionProblem(f"session:{target}", self._bounds, self.space.safety, None)
+        return SessionProblem(f"session:{target}", self._bounds, self.space.safety, None, self.space.scale)
 
     def input_of(self, point: Point) -> tuple[FloatArray, int]:
         """See `Search`."""

@@ -9,7 +9,7 @@ What differs from the local variant, whose rounds are batches and whose outcomes
   the best of those that are believed safe are the shortlist; a few rows from elsewhere join it each round.
 
 Outcomes drift from day to day. The target's model is fitted to outcomes less the effects of their days (see
-`days`).
+`days`), on the session's scale (see `outcome_scale`).
 
 Either way only rows that are believed safe are chosen, by the highest posterior mean or by the highest value
 of a posterior sample (Thompson sampling).
@@ -31,6 +31,7 @@ from hdsafebo.problem import FloatArray, IntArray, Trials
 from hdsafebo.sampling import thompson_sample
 from hdsafebo.session.days import fit_days
 from hdsafebo.session.finite_set import FiniteSet
+from hdsafebo.session.search import SessionProblem
 
 _CHECKED = 4  # how many times the shortlist's length is checked for safety, best first
 
@@ -68,11 +69,12 @@ class HdSafeBOShortlist(Optimizer):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        if not isinstance(self.problem.candidates, FiniteSet):
+        if not isinstance(self.problem, SessionProblem) or not isinstance(self.problem.candidates, FiniteSet):
             raise ProblemError(
                 f"{self.name} searches the finite set of a session; {self.problem.name!r} has none"
             )
         self._set = self.problem.candidates
+        self.scale = self.problem.scale
         self._rows = np.empty(0, np.int64)
         self._made: int | None = None  # round in which the shortlist was made
         self._days = np.empty(0, np.int64)
@@ -94,19 +96,21 @@ class HdSafeBOShortlist(Optimizer):
         return int(self.trials.completed.sum()) % self.settings.every == 0
 
     def outcomes_to_fit(self, rows: IntArray) -> FloatArray:
-        """Outcomes less the effects of their days."""
+        """Outcomes on their scale, less the effects of their days."""
         trials, days = self.trials[rows], self.days[rows]
+        modelled = self.scale.modelled(trials.objective)
         if len(np.unique(days)) < 2:
-            return trials.objective
-        model = fit_days(self.kernel_inputs(trials), trials.objective[:, None], days, (self._theta,))
-        return trials.objective - model.effect[:, 0]
+            return modelled
+        model = fit_days(self.kernel_inputs(trials), modelled[:, None], days, (self._theta,))
+        return np.asarray(modelled - model.effect[:, 0])
 
     def _choose_theta(self) -> None:
         """Hyper-parameters of the model of days from the present data; the surrogate is fitted anew."""
         rows = self.rows_to_fit()
         trials, days = self.trials[rows], self.days[rows]
         if len(np.unique(days)) > 1:
-            self._theta = fit_days(self.kernel_inputs(trials), trials.objective[:, None], days).theta[0]
+            modelled = self.scale.modelled(trials.objective)
+            self._theta = fit_days(self.kernel_inputs(trials), modelled[:, None], days).theta[0]
             self._fits.forget()
 
     def propose(self, n: int) -> Proposal:

@@ -12,6 +12,7 @@ import numpy as np
 
 from hdsafebo.problem import Safety
 from hdsafebo.session.errors import LimitError, RecordingError
+from hdsafebo.session.outcome_scale import OutcomeScale
 from hdsafebo.session.state import Point
 from hdsafebo.session.tables import Table
 
@@ -55,6 +56,7 @@ class Space(ABC):
         inputs: names of the input columns of tables.
         entries: names of the values that are asked from people after each trial.
         takes_recordings: whether outcomes come from a recording file.
+        scale: on which noisy outcomes are modelled.
     """
 
     targets: tuple[str, ...]
@@ -62,6 +64,7 @@ class Space(ABC):
     inputs: tuple[str, ...]
     entries: tuple[str, ...]
     takes_recordings: bool
+    scale: OutcomeScale = OutcomeScale()
 
     @abstractmethod
     def point(self, data: Mapping[str, Any]) -> Point:

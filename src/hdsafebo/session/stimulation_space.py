@@ -13,6 +13,7 @@ from hdsafebo.problem import FloatArray, Safety
 from hdsafebo.session.definition import Scores, StimulationDefinition
 from hdsafebo.session.emg import activation, selectivity
 from hdsafebo.session.errors import LimitError, RecordingError
+from hdsafebo.session.outcome_scale import LogScale
 from hdsafebo.session.recordings import read_recording
 from hdsafebo.session.space import TIME_COLUMN, Measured, Report, Space, check_keys, check_times, finite
 from hdsafebo.session.state import Point
@@ -20,6 +21,7 @@ from hdsafebo.session.stimulator import CONTACTS, Envelope, Polarity
 from hdsafebo.session.tables import Table
 
 SAFETY_NAME = "score"
+_LEAST_SELECTIVITY = 0.02  # about that of a muscle at rest: of the noise between its pulses
 CONTACT_COLUMNS = tuple(f"e{i}" for i in range(1, CONTACTS + 1))
 CURRENT_COLUMN = "current_ma"
 _POINT_HINT = "expected contacts 1 to 16, each once, and a current, such as 4- 12+ 13+ at 2.5 mA"
@@ -30,6 +32,7 @@ class StimulationSpace(Space):
     """See `Space`. A point is `{"polarity": [16 of -1, 0, 1], "current_ma": number}`."""
 
     takes_recordings = True
+    scale = LogScale(_LEAST_SELECTIVITY)
 
     def __init__(self, definition: StimulationDefinition) -> None:
         self.definition = definition
