@@ -179,7 +179,7 @@ function paddle(polarity) {
     const mark = svgElement("text", { x: x + 1.5, y: top + 1.9, fill: "#fff" });
     mark.textContent = sign < 0 ? "−" : sign > 0 ? "+" : "";
     svg.append(mark);
-    const label = svgElement("text", { x: column ? x + 3.9 : x - 1, y: top + 1.7, class: "number" });
+    const label = svgElement("text", { x: column ? x + 4.1 : x - 1, y: top + 1.7, class: "number" });
     label.textContent = contact + 1;
     svg.append(label);
     if (editing) {
@@ -278,10 +278,15 @@ function base64(file) {
 function showBest() {
   const best = seen.best;
   const first = seen.initial_best === null ? "" : ` (best initial ${seen.initial_best.toFixed(3)})`;
-  byId("best").textContent = best ? `measured best ${seen.target} ${best.outcomes[seen.target].toFixed(3)}${first}: ${best.text}, trial ${best.number}` : "no safe trial yet";
+  if (best) showTrial("best", `measured best ${seen.target}`, `${best.outcomes[seen.target].toFixed(3)}`, `${first}: ${best.text}, trial ${best.number}`);
+  else byId("best").textContent = "no safe trial yet";
   const c = seen.counts;
   byId("counts").textContent = `${c.initial} initial, ${c.recommended} recommended (${c.unsafe_recommended} unsafe), ` +
     `${c.modified} changed, ${c.manual} own, ${c.refused} refused`;
+}
+
+function showTrial(id, name, value, rest) {
+  fill(byId(id), [`${name} `, element("strong", value), rest]);
 }
 
 async function showBelieved() {
@@ -294,8 +299,10 @@ async function showBelieved() {
       method: "POST", headers: { "Content-Type": "application/json", "X-Session-Page": "1" }, body: "{}" });
     const { best, error } = await answer.json();
     if (wanted !== believedOf) return;
-    byId("believed").textContent = error ? `nothing is believed: ${error}` : !best ? "" :
-      `believed best ${best.mean.toFixed(3)} ± ${(2 * best.deviation).toFixed(3)}: ${best.text}, trial ${best.number}`;
+    if (best) {
+      const value = `${best.mean.toFixed(3)} ± ${(2 * best.deviation).toFixed(3)}`;
+      showTrial("believed", "believed best", value, ` (two standard deviations): ${best.text}, trial ${best.number}`);
+    } else if (error) byId("believed").textContent = `nothing is believed: ${error}`;
   } catch (error) {
     believedOf = "";
   }
