@@ -1,4 +1,4 @@
-"""The method for trials one at a time: safe by the model, never twice the same, the same when reopened."""
+"""The method for trials one at a time: safe by the model, the best of it found, the same when reopened."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from hdsafebo.problem import FloatArray
 from hdsafebo.session.stimulator import Polarity
 from hdsafebo.spinal.field_map import COLUMNS, ROWS, contact_pixels
 
-DEPTH_MM = 10.0  # of the lines below the contacts; measured outcomes are likelier than with 4 or 6 mm
+DEPTH_MM = 10.0  # of the lines below the contacts: what is measured is likelier than with 4, 6 or 8 mm
 LINES_MM = (-1.5, 3.5, 8.5)  # across: the midline of the paddle, and the roots to both sides of it
 STRETCHES = 13  # along the cord
 _MARGIN_MM = 4  # beyond either end of the paddle

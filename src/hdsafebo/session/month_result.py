@@ -18,7 +18,7 @@ from hdsafebo.session.stimulation_set import enumerate_polarities
 
 @dataclass(frozen=True)
 class MonthResult:
-    """What a month came to. Selectivities are true ones, by muscle.
+    """What a month came to. Selectivities are by muscle, and true ones where nothing else is said.
 
     Attributes:
         recommended: trials that the optimiser recommended.
@@ -27,6 +27,7 @@ class MonthResult:
         initial_best, final_best: of the initial trial, and of the trial of the whole month, that the model
             believes best of those that were safe, each time with the data of that time.
         initial_highest, final_highest: of those with the highest single measurement.
+        initial_measured, final_measured: these measurements themselves (what the paper compares).
         reachable: highest of all stimulations within the priors whose comfort without noise is safe.
     """
 
@@ -37,6 +38,8 @@ class MonthResult:
     final_best: dict[str, float]
     initial_highest: dict[str, float]
     final_highest: dict[str, float]
+    initial_measured: dict[str, float]
+    final_measured: dict[str, float]
     reachable: dict[str, float]
 
     @property
@@ -49,6 +52,16 @@ class MonthResult:
         """The same for the trials with the highest measurement."""
         return sum(self.final_highest[m] > self.initial_highest[m] for m in self.final_highest)
 
+    @property
+    def improved_on_highest(self) -> int:
+        """The same for the trial believed best in the end over the initial one measured highest."""
+        return sum(self.final_best[m] > self.initial_highest[m] for m in self.final_best)
+
+    @property
+    def improved_measured(self) -> int:
+        """Number of muscles whose highest measurement rose."""
+        return sum(self.final_measured[m] > self.initial_measured[m] for m in self.final_measured)
+
 
 def evaluate_month(session: Session, patient: SimulatedPatient) -> MonthResult:
     """Count and compare."""
@@ -57,6 +70,7 @@ def evaluate_month(session: Session, patient: SimulatedPatient) -> MonthResult:
     recommended = [t for t in done if t.origin == "suggested"]
     best: dict[bool, dict[str, float]] = {True: {}, False: {}}
     highest: dict[bool, dict[str, float]] = {True: {}, False: {}}
+    measurements: dict[bool, dict[str, float]] = {True: {}, False: {}}
     for initial in (True, False):
         believed = believed_best(session, initial=initial)
         for i, muscle in enumerate(space.targets):
@@ -64,6 +78,8 @@ def evaluate_month(session: Session, patient: SimulatedPatient) -> MonthResult:
             for store, trial in ((best, believed[muscle].trial), (highest, measured)):
                 true = 0.0 if trial is None else float(selectivity(patient.activation(trial.point))[i])
                 store[initial][muscle] = true
+            outcomes = None if measured is None else measured.outcomes
+            measurements[initial][muscle] = 0.0 if outcomes is None else outcomes[muscle]
     return MonthResult(
         len(recommended),
         sum(not space.safe(t.safety or {}) for t in recommended),
@@ -72,6 +88,8 @@ def evaluate_month(session: Session, patient: SimulatedPatient) -> MonthResult:
         best[False],
         highest[True],
         highest[False],
+        measurements[True],
+        measurements[False],
         reachable_selectivity(session, patient),
     )
 

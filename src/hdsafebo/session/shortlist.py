@@ -7,6 +7,8 @@ What differs from the local variant, whose rounds are batches and whose outcomes
 * A part of the trials are neighbours of the trials believed best: inputs that differ in one thing.
 * The others come from a shortlist. Every few rounds the posterior mean is computed over many rows of the set;
   the best of those that are believed safe are the shortlist; a few rows from elsewhere join it each round.
+* Once the best ones have been found, some of the trials repeat one of them: which of them is best is
+  otherwise left to the noise (see `repetition`).
 
 Outcomes drift from day to day. The target's model is fitted to outcomes less the effects of their days (see
 `days`), on the session's scale (see `outcome_scale`).
@@ -31,6 +33,7 @@ from hdsafebo.problem import FloatArray, IntArray, Trials
 from hdsafebo.sampling import thompson_sample
 from hdsafebo.session.days import fit_days
 from hdsafebo.session.finite_set import FiniteSet
+from hdsafebo.session.repetition import top_two
 from hdsafebo.session.search import SessionProblem
 
 _CHECKED = 4  # how many times the shortlist's length is checked for safety, best first
@@ -48,6 +51,9 @@ class ShortlistSettings(OptimizerSettings):
         local: share of the trials that are neighbours of the best.
         centres: how many best trials have their neighbours considered.
         exploit: share of the trials that take the highest posterior mean.
+        repeat: share of the trials that repeat one of the best, after the first rounds.
+        first: rounds without repetitions.
+        rivals: how many of the best trials may be repeated.
     """
 
     beta: float = -3.0
@@ -58,6 +64,9 @@ class ShortlistSettings(OptimizerSettings):
     local: float = Field(default=0.5, ge=0, le=1)
     centres: int = Field(default=3, ge=1)
     exploit: float = Field(default=0.6, ge=0, le=1)
+    repeat: float = Field(default=0.3, ge=0, le=1)
+    first: int = Field(default=20, ge=0)
+    rivals: int = Field(default=40, ge=1)
 
 
 class HdSafeBOShortlist(Optimizer):
@@ -114,13 +123,19 @@ class HdSafeBOShortlist(Optimizer):
             self._fits.forget()
 
     def propose(self, n: int) -> Proposal:
-        """Rows believed safe, near the best trials or of the shortlist."""
+        """Rows believed safe: one of the best trials, near them, or of the shortlist."""
         self.centre_row()  # abstains where nothing safe is known
         free = np.ones(len(self._set.features), bool)
         free[self.taken] = False
         if self._made is None or self.round - self._made >= self.settings.every:
             self._choose_theta()
             self._rows, self._made = self._scan(), self.round
+        if self.round >= self.settings.first and self.rng.random() < self.settings.repeat:
+            rows = self._rivals()
+            if len(rows):
+                return Proposal(
+                    rows=rows[[top_two(self.surrogate.objective, self._set.features[rows], self.rng)]]
+                )
         if self.rng.random() < self.settings.local:
             rows = self._neighbours()
             rows, safe = self._believed(rows[free[rows]])
@@ -142,11 +157,22 @@ class HdSafeBOShortlist(Optimizer):
         """The rows, and True for those that are believed safe."""
         return rows, self.surrogate.believed_safe(self._set.features[rows], self.settings.confidence)
 
-    def _neighbours(self) -> IntArray:
-        """Rows next to the safe trials of the highest posterior means."""
+    def _best(self) -> IntArray:
+        """Rows of the trials that were safe, the highest posterior mean first."""
         rows = np.unique(self.trials.candidate[self.feasible])
         mean = self.surrogate.objective.predict_mean(self._set.features[rows])
-        best = rows[np.argsort(-mean, kind="stable")[: self.settings.centres]]
+        return rows[np.argsort(-mean, kind="stable")]
+
+    def _rivals(self) -> IntArray:
+        """The best rows that were always safe, are believed to be, and may be proposed now."""
+        unsafe = self.trials.candidate[self.trials.completed & ~self.feasible]
+        best = self._best()[: self.settings.rivals]
+        rows, safe = self._believed(best[~np.isin(best, np.concatenate([unsafe, self._elsewhere]))])
+        return rows[safe]
+
+    def _neighbours(self) -> IntArray:
+        """Rows next to the safe trials of the highest posterior means."""
+        best = self._best()[: self.settings.centres]
         return np.unique(np.concatenate([best[:0], *(self._set.neighbours(int(row)) for row in best)]))
 
     def _choose(self, safe: IntArray, rows: IntArray, n: int) -> IntArray:
