@@ -123,3 +123,23 @@ def test_a_climb_survives_a_file(tmp_path: Path) -> None:
     run_rounds(made, 4, 1)
     run_rounds(again, 4, 1)
     np.testing.assert_array_equal(again.trials.z, made.trials.z)
+
+
+def test_an_ask_that_fails_begins_no_climb(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(trials: Trials):
+        raise MemoryError("no memory")
+
+    made = HdSafeBOLocal(bowl_problem(), seed=3, patience=2, jump_beta=4.0)
+    observe_initial(made, 8)
+    begun = 0
+    for _ in range(20):
+        before = made.climb, made.region
+        with monkeypatch.context() as patch:
+            patch.setattr(made, "believe", fail)
+            with pytest.raises(MemoryError):
+                made.ask(1)
+        assert (made.climb, made.region) == before
+        trials = made.ask(1)
+        begun += made.climb.first != before[0].first
+        made.tell(trials, *made.problem.function(trials.x))
+    assert begun > 0

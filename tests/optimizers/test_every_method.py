@@ -93,6 +93,22 @@ def test_proposes_admissible_points_and_learns(name: str, problem: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_an_ask_that_fails_leaves_no_trace(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(trials: Trials):
+        raise MemoryError("no memory")
+
+    undisturbed, disturbed = (make(name, three_functions(), seed=4) for _ in range(2))
+    for n in (4, 1, 4):
+        with monkeypatch.context() as patch:
+            patch.setattr(disturbed, "believe", fail)
+            with pytest.raises(MemoryError):
+                disturbed.ask(n)
+        ours, theirs = advance(undisturbed, n), advance(disturbed, n)
+        np.testing.assert_array_equal(ours.x, theirs.x)
+        np.testing.assert_array_equal(ours.trust_region_length, theirs.trust_region_length)
+
+
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("problem", ["three", "rows"])
 def test_resumed_goes_on_to_the_bit(name: str, problem: str, tmp_path: Path) -> None:
     undisturbed = make(name, PROBLEMS[problem](), seed=3)

@@ -111,6 +111,7 @@ def test_safeopt(tmp_path: Path, value: float, status: str) -> None:
 def test_original_space_fails_on_the_hand(tmp_path: Path, gain: float, status: str) -> None:
     flat(tmp_path, "hand", "hdsafebo", 1.0)
     flat(tmp_path, "hand", "cei_original", gain, space="original")
+    flat(tmp_path, "hand", "hdsafebo_local_original", 1.0, space="original")  # no baseline
     assert claim(tmp_path, "hand_original").verdicts[""].status == status
 
 

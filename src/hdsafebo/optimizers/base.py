@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -82,10 +83,8 @@ class Optimizer(ABC):
         self.rng = np.random.default_rng(seed)
         self.round = 0
         self._space: SearchSpace | None = None
-        if bounds is not None:
-            self._space = self.make_space(np.asarray(bounds, float))
-        elif embedding is None:
-            self._space = self.make_space(problem.bounds)
+        if bounds is not None or embedding is None:
+            self._space = self.make_space(problem.bounds if bounds is None else np.asarray(bounds, float))
         self._ledger = Ledger(
             problem, problem.bounds.shape[1] if self._space is None else self._space.dimension
         )
@@ -153,11 +152,12 @@ class Optimizer(ABC):
         if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
             raise TrialError(f"n is {n!r}; expected a whole number of trials, at least 1")
         self._elsewhere = np.empty(0, np.int64) if pending is None else pending.candidate
-        generator = self.rng.bit_generator.state
+        generator, remembered = self.rng.bit_generator.state, deepcopy(self.method_state())
         try:
             trials = self._pending(self.propose(min(int(n), candidates_left(self.problem, self.taken))))
         except BaseException:
             self.rng.bit_generator.state = generator
+            self.restore_method_state(*remembered)
             raise
         self._ledger.append(trials)
         self.round += 1

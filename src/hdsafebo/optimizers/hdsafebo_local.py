@@ -34,18 +34,17 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from hdsafebo.ascent import Metric, ascend
-from hdsafebo.errors import ProblemError
-from hdsafebo.kernel import fast_distances
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.caution import Caution
 from hdsafebo.optimizers.climbs import Climb, gain, jump
 from hdsafebo.optimizers.empty_set import complete_batch
+from hdsafebo.optimizers.feature_metric import kernel_metric
+from hdsafebo.optimizers.row_regions import rows_near, separate_centres
 from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.problem import FloatArray, IntArray, Status, Trials
 from hdsafebo.sampling import SamplePaths, thompson_sample
 from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
 
-_AFFINE_TOLERANCE = 1e-6
 _CLOUD = 64
 _STEPS = 1600
 _STEP_RADII = (0.05, 2.0)
@@ -148,14 +147,18 @@ class HdSafeBOLocal(Optimizer):
 
         Around a trial that was safe by luck or by less than the noise, little is believed safe.
         """
-        rows = np.flatnonzero(self.feasible & self.climb.owns(self.trials))
-        rows = rows[np.argsort(-self.trials.objective[rows], kind="stable")[:_CENTRES]]
+        rows = self._best_first(self.feasible & self.climb.owns(self.trials))[:_CENTRES]
         if len(rows):
             inputs = self.kernel_inputs(self.trials[rows])
             believed = rows[self.surrogate.believed_safe(inputs, self.confidence)]
             if len(believed) or self.climb.first > 0:
                 return int(believed[0] if len(believed) else rows[0])
         return super().centre_row()
+
+    def _best_first(self, which: NDArray[np.bool_]) -> IntArray:
+        """Rows where `which` is True, the highest objective first."""
+        rows = np.flatnonzero(which)
+        return rows[np.argsort(-self.trials.objective[rows], kind="stable")]
 
     @property
     def confidence(self) -> float:
@@ -219,8 +222,7 @@ class HdSafeBOLocal(Optimizer):
             known = self.climb.over(self.centre_row(), inputs, scale, self.settings.patience)
         if known is None:
             return None
-        rows = np.flatnonzero(self.feasible)
-        rows = rows[np.argsort(-self.trials.objective[rows], kind="stable")]
+        rows = self._best_first(self.feasible)
         starts = np.clip(self.space.to_unit(self.trials.z[rows]), 0.0, 1.0)
         beta = self.confidence if self.settings.jump_beta is None else self.settings.jump_beta
         steps = self.settings.steps
@@ -271,46 +273,21 @@ class HdSafeBOLocal(Optimizer):
 
     @property
     def metric(self) -> Metric:
-        """From the unit cube to kernel inputs: the code's own metric, or the features of what it decodes to.
-
-        Raises:
-            ProblemError: features of decoded codes are no affine function of the codes.
-        """
+        """From the unit cube to kernel inputs; ProblemError where that is no affine map."""
         if self._metric is None:
-            d = self.space.dimension
-            if self.problem.features is None:
-                self._metric = Metric(np.where(self.space.width > 0, self.space.metric, 0.0), np.zeros(d))
-            else:
-                corners = self._features(np.concatenate([np.zeros((1, d)), np.eye(d)]))
-                self._metric = Metric((corners[1:] - corners[0]).T, corners[0])
-                self._require_affine(self._metric)
+            self._metric = kernel_metric(self.problem, self.embedding, self.space)
         return self._metric
-
-    def _features(self, u: FloatArray) -> FloatArray:
-        z = self.space.to_code(u)
-        x = z if self.embedding is None else np.asarray(self.embedding.decode(z), float)
-        assert self.problem.features is not None
-        return np.asarray(self.problem.features(x), float)
-
-    def _require_affine(self, metric: Metric) -> None:
-        u = np.random.default_rng(0).random((4, self.space.dimension))
-        error = np.abs(metric.inputs(u) - self._features(u)).max()
-        size = np.abs(metric.matrix).max()
-        if error > _AFFINE_TOLERANCE * max(size, 1e-300):
-            raise ProblemError(
-                f"features of {self.problem.name!r} differ by {error:.3g} from an affine function of the "
-                f"codes with coefficients up to {size:.3g}; expected an affine map and a linear embedding"
-            )
 
     # --- finite candidate set
 
     def _choose_rows(self, n: int) -> Proposal:
         """Thompson sampling over the believed safe rows of the trust regions and some from elsewhere."""
         features = self.problem.candidates.features  # type: ignore[union-attr]
-        free = np.ones(len(features), bool)
-        free[self.taken] = False
-        left = np.flatnonzero(free)
-        near = self._rows_near(features, left)
+        left = np.setdiff1d(np.arange(len(features)), self.taken, assume_unique=True)
+        centres = self._centres()
+        share = max(1, self.settings.rows_initial // len(centres))
+        size = min(max(1, int(self.region.length) // len(centres)), len(left))
+        near = rows_near(features, self.taken, centres, size, share, self.rng)
         elsewhere = self.rng.choice(left, min(self.settings.rows_elsewhere, len(left)), replace=False)
         rows = np.unique(np.concatenate([*near, elsewhere]))
         inputs = features[rows]
@@ -323,30 +300,13 @@ class HdSafeBOLocal(Optimizer):
             rows=rows[chosen], trust_region_length=self.region.length, marked_unsafe=~safe[chosen]
         )
 
-    def _rows_near(self, features: FloatArray, left: IntArray) -> list[IntArray]:
-        """The trust regions: the rows nearest to each centre, thinned at random to their share."""
-        centres = self._separate_centres()
-        share = max(1, self.settings.rows_initial // len(centres))
-        size = min(max(1, int(self.region.length) // len(centres)), len(left))
-        distances = fast_distances(centres, features)
-        distances[:, self.taken] = np.inf
-        near = [np.argpartition(row, size - 1)[:size] for row in distances]
-        return [rows if size <= share else self.rng.choice(rows, share, replace=False) for rows in near]
-
-    def _separate_centres(self) -> FloatArray:
-        """(k, p) the best trial, then the next best believed safe ones a length scale from all before."""
-        rows = np.flatnonzero(self.feasible)
-        rows = rows[np.argsort(-self.trials.objective[rows], kind="stable")[:_CENTRES]]
+    def _centres(self) -> FloatArray:
+        """(k, p) the best trial, then the next best believed safe ones a length scale apart."""
+        rows = self._best_first(self.feasible)[:_CENTRES]
         inputs = self.kernel_inputs(self.trials[rows])
         inputs = inputs[self.surrogate.believed_safe(inputs, self.settings.confidence)]
-        centres = [self.kernel_inputs(self.trials[[self.centre_row()]])]
-        for candidate in inputs:
-            if len(centres) == self.settings.regions:
-                break
-            distance = fast_distances(candidate[None], np.concatenate(centres))
-            if distance.min() >= self.surrogate.objective.length_scale:
-                centres.append(candidate[None])
-        return np.concatenate(centres)
+        best = self.kernel_inputs(self.trials[[self.centre_row()]])
+        return separate_centres(best, inputs, self.surrogate.objective.length_scale, self.settings.regions)
 
     def kernel_inputs(self, trials: Trials) -> FloatArray:
         """Features of the candidates, the problem's features of the inputs, or the code's own metric."""

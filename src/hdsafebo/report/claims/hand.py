@@ -38,7 +38,7 @@ def hand_claims(results: Results) -> list[Claim]:
 
 
 def _original_fails(results: Results) -> Claim:
-    ran = [m for m in results.methods("hand") if m.endswith(ORIGINAL)]
+    ran = [m for m in results.methods("hand") if m.endswith(ORIGINAL) and not m.startswith("hdsafebo")]
     verdict = NOT_RUN
     if ran and "hdsafebo" in results.methods("hand"):
         scale = results.estimate("hand", "hdsafebo", "improvement").mean
