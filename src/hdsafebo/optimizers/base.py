@@ -207,7 +207,7 @@ class Optimizer(ABC):
         codes: ArrayLike | None = None,
         initial: bool = False,
     ) -> Trials:
-        """Take in results of inputs that were not proposed here: initial data, or trials set by hand.
+        """Take in results of inputs not proposed here (initial data, trials set by hand); they are of round 0.
 
         Args:
             x: (n, D) inputs.
@@ -215,12 +215,8 @@ class Optimizer(ABC):
             safety: (n, m) values, or (n,) when there is one safety function.
             status: as in `tell`.
             candidate: (n,) rows of the finite candidate set, -1 for inputs not in it; None means no row.
-            codes: (n, d) codes that inputs were decoded from, when an optimiser searched them before; rows of
-                NaN, and None, are encoded.
+            codes: (n, d) codes that the inputs were decoded from; rows of NaN, and None, are encoded.
             initial: the data was there before the first `ask`.
-
-        Returns:
-            The trials as they were recorded, in round 0.
 
         Raises:
             TrialError: a wrong shape, a value that is no finite number, or a row that does not exist.
