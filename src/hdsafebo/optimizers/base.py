@@ -207,7 +207,7 @@ class Optimizer(ABC):
         codes: ArrayLike | None = None,
         initial: bool = False,
     ) -> Trials:
-        """Take in results of inputs not proposed here (initial data, trials set by hand); they are of round 0.
+        """Take in results of inputs not proposed here (initial data, trials set by hand), as of round 0.
 
         Args:
             x: (n, D) inputs.
