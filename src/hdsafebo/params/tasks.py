@@ -130,12 +130,10 @@ class DigitsProblem(Block):
             without), and 97 % are valid at a threshold of 0.5; at 10 none is.
         threshold: least probability of a valid image.
         margin: by which the searched box of codes reaches beyond the codes of the data, on every side, in
-            widths of their range. The paper searches between the least and the largest codes of the training
-            data, which is a margin of 0. For the 8 x 8 images, a thirtieth of MNIST's number, that box rules
-            out what the paper reports: its best images are 1.14 times as thick as the best of the data set,
-            while the thickest valid one here is 1.05 times, with a margin of 0.25 1.12 times, and with 0.5
-            1.18 times (means of ten digits; `benchmarks/digits_optimum.py`). A half is the least of these
-            that does not.
+            widths of their range. The paper's best images are 1.14 times as thick as the best of the data
+            set; the thickest valid image within the codes of the 8 x 8 images is 1.05 times, with 0.25
+            1.12 times, with 0.5 1.18 times (means of ten digits). A half is the least of these that does
+            not rule out what the paper reports.
     """
 
     temperature: Positive = 2.0

@@ -35,8 +35,7 @@ class Task:
             them, or loaded); None when the task is searched in its original space only.
         inputs: files the task reads, relative to the root (a run depends on their content).
         latent_bounds: (2, d) box of the latent space: limits of the codes of the points that the
-            embedding was trained on (paper, appendix), or wider where the task says so; None takes
-            the codes of the initial trials.
+            embedding was trained on (paper, appendix); None takes the codes of the initial trials.
     """
 
     problem: Problem
