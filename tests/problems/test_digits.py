@@ -14,7 +14,7 @@ from hdsafebo.params.tasks import DigitsProblem
 from hdsafebo.problem import Trials
 from hdsafebo.problems.digit_images import load_digit_images, read_idx
 from hdsafebo.problems.digit_predictor import DigitPredictor
-from hdsafebo.problems.digits import ThickDigit, searched_box
+from hdsafebo.problems.digits import ThickDigit
 
 
 @pytest.fixture(scope="module")
@@ -153,9 +153,3 @@ def test_the_temperature_keeps_images_valid_and_probabilities_apart(predictor: D
     assert (mild >= 0.5).mean() > 0.9
     assert (mild < 0.99).mean() > 0.9 > (plain < 0.99).mean()
     assert not (strong >= 0.5).any()  # the paper's 200 belongs to outputs of another scale
-
-
-def test_the_searched_box_reaches_beyond_the_codes_on_every_side() -> None:
-    codes = np.array([[0.0, 5.0], [2.0, -5.0], [1.0, 0.0]])
-    np.testing.assert_array_equal(searched_box(codes, 0.0), [[0.0, -5.0], [2.0, 5.0]])
-    np.testing.assert_array_equal(searched_box(codes, 0.5), [[-1.0, -10.0], [3.0, 10.0]])

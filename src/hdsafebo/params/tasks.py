@@ -129,16 +129,10 @@ class DigitsProblem(Block):
             predictor needs: 96 % of the 8 x 8 images then have a probability between 0.01 and 0.99 (29 %
             without), and 97 % are valid at a threshold of 0.5; at 10 none is.
         threshold: least probability of a valid image.
-        margin: by which the searched box of codes reaches beyond the codes of the data, on every side, in
-            widths of their range. The paper's best images are 1.14 times as thick as the best of the data
-            set; the thickest valid image within the codes of the 8 x 8 images is 1.05 times, with 0.25
-            1.12 times, with 0.5 1.18 times (means of ten digits). A half is the least of these that does
-            not rule out what the paper reports.
     """
 
     temperature: Positive = 2.0
     threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
-    margin: Annotated[float, Field(ge=0)] = 0.5
 
 
 class DigitsTask(Block):

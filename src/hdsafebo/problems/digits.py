@@ -108,15 +108,8 @@ def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) 
         problem,
         latent,
         inputs=(PREDICTOR_FILE, EMBEDDING_FILE),
-        latent_bounds=searched_box(codes, settings.margin),
+        latent_bounds=np.vstack([codes.min(axis=0), codes.max(axis=0)]),
     )
-
-
-def searched_box(codes: FloatArray, margin: float) -> FloatArray:
-    """(2, d) lower and upper bounds of (n, d) codes, `margin` times their range wider on every side."""
-    lower, upper = codes.min(axis=0), codes.max(axis=0)
-    reach = margin * (upper - lower)
-    return np.vstack([lower - reach, upper + reach])
 
 
 def _log_odds(probability: FloatArray) -> FloatArray:
