@@ -10,6 +10,7 @@ import pytest
 from hdsafebo.report.methods import beta_of_ablation, by_family, order, style
 from hdsafebo.report.results import DIGITS, Results, Settings
 from hdsafebo.report.runs import read_runs
+from hdsafebo.report.sections.findings import same_trials_findings
 from hdsafebo.report.tables import metrics_table
 from report.run_files import trial_table, write_run
 
@@ -43,6 +44,18 @@ def test_runs_that_found_nothing_safe_are_worse_and_counted(tmp_path: Path) -> N
     table = metrics_table(results, "toy", ["hdsafebo", "hesbo"], "caption", "name")
     details = [row[2].small for row in table.rows]
     assert details == ["", "nothing safe in 8 runs"]
+
+
+def test_methods_with_the_same_trials_are_named(tmp_path: Path) -> None:
+    for method, values in {
+        "hdsafebo": [1.0, 2.0],
+        "hdsafebo_beta0": [1.0, 2.0],
+        "config": [1.0, 2.5],
+    }.items():
+        runs(tmp_path, "toy", method, values)
+    (found,) = same_trials_findings(load(tmp_path), "toy", ["hdsafebo", "hdsafebo_beta0", "config"])
+    assert "every run: HdSafeBO; HdSafeBO, β = 0." in found.text
+    assert same_trials_findings(load(tmp_path), "toy", ["hdsafebo", "config"]) == []
 
 
 def test_leader(tmp_path: Path) -> None:

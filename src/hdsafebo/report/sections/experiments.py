@@ -20,6 +20,7 @@ from hdsafebo.report.sections.findings import (
     paper_findings,
     ratio_finding,
     regret_finding,
+    same_trials_findings,
     size_sentence,
 )
 from hdsafebo.report.tables import comparison_table, metrics_table
@@ -80,6 +81,7 @@ def ablation_section(results: Results) -> Section:
         if len(shown) < 2:
             continue
         blocks += [size_sentence(results, task, shown), *leader_findings(results, task, shown)]
+        blocks += same_trials_findings(results, task, shown)
         if len(components) > 1:
             caption = (
                 f"{task_label(task)}: HdSafeBO without local search and without optimism. Bands are one "

@@ -46,6 +46,24 @@ def size_sentence(results: Results, task: str, methods: list[str]) -> Text:
     return Text(f"Size: {ours}. Paper: {theirs}. This is {verdict}.{lost}", "size")
 
 
+def same_trials_findings(results: Results, task: str, methods: list[str]) -> list[Text]:
+    """Methods whose runs have the same outcomes trial by trial: they differ by nothing that acted."""
+    groups: dict[bytes, list[str]] = {}
+    for method in methods:
+        parts = results.parts(task, method).values()
+        outcomes = [run.trials[["seed", "trial", "objective"]].to_numpy(float).tobytes() for run in parts]
+        groups.setdefault(b"".join(outcomes), []).append(style(method).label)
+    return [
+        Text(
+            f"The same trials in every run: {'; '.join(labels)}. What tells these methods apart changed no "
+            "choice here.",
+            "finding",
+        )
+        for labels in groups.values()
+        if len(labels) > 1
+    ]
+
+
 def _span(values: list[int]) -> str:
     low, high = min(values), max(values)
     return str(low) if low == high else f"{low} to {high}"
