@@ -22,7 +22,7 @@ _MODELLED = Text(
     "What is modelled, and why: a held bottle ends at about 0 m/s and a dropped one at 4.1 to 4.5 m/s, so "
     "the landing speed is nearly binary, and the paper's threshold of 4.4 m/s lies within the drops, where "
     "the speed says little about the policy. All tables report this safety, and HdSafeBO and the baselines "
-    "model it. HdSafeBO-local models `no_drop` in its place: 1 for a bottle held to the end, else minus the "
+    "model it. HdSafeBO-local models no_drop in its place: 1 for a bottle held to the end, else minus the "
     "share of the episode that was left. Its threshold lies between the two modes, below it it tells how "
     "early the bottle fell, and a policy that never drops the bottle meets the landing speed as well. "
     "Which functions are modelled is set in params.yaml (tasks.hand.problem)."
