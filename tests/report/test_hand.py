@@ -127,7 +127,7 @@ def test_section_tells_difficulty_policies_and_who_is_upright(tmp_path: Path) ->
     assert "2.5 % end upright" in told
     assert "does not end upright (tilt 2.86 rad)" in told
     assert "walks of 300 Gaussian steps" in told
-    assert "HdSafeBO-local models `no_drop`" in told
+    assert "HdSafeBO-local models no_drop" in told
     assert "not in the run files of Sobol" in told
     strips = [block for block in found if isinstance(block, Frame)]
     assert [strip.data for strip in strips] == [b"\x89PNG strip"]
