@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 from hdsafebo import gp_fit
 from hdsafebo.errors import SurrogateError
 from hdsafebo.gaussian_process import GaussianProcess
-from hdsafebo.gp_fit import LengthScaleLimits, fit_gaussian_process
+from hdsafebo.gp_fit import LengthScaleLimits, NoisePrior, fit_gaussian_process
 from hdsafebo.kernel import exact_distances, matern52
 
 
@@ -220,3 +220,15 @@ def test_jitter_ladder_then_last_good_fit_then_abstention(monkeypatch: pytest.Mo
     monkeypatch.setattr(gp_fit._Search, "_evaluate", only_with(1.0))
     with pytest.raises(SurrogateError, match="60 points has no Cholesky factor at length scale"):
         fitted(x, y, start=good.hyper)
+
+
+def test_noise_prior_moves_the_noise_and_limits_it() -> None:
+    x, y = smooth_data()
+    plain = fitted(x, y)
+    noisy = fitted(x, y, noise=NoisePrior(mode=0.1, spread=1.0, least=0.03, first=(0.05, 0.4)))
+    assert plain.hyper.noise_ratio < 0.01
+    assert noisy.hyper.noise_ratio == pytest.approx(0.03, rel=0.3)
+    assert noisy.hyper.noise_ratio >= 0.03 * (1 - 1e-9)
+    assert fitted(x, y, noise=NoisePrior(least=0.2)).hyper.noise_ratio == pytest.approx(0.2)
+    kept = fitted(x, y, noise=NoisePrior(least=0.03), start=plain.hyper, refine=False)
+    assert kept.hyper.noise_ratio == pytest.approx(0.03)  # what a start lies outside of

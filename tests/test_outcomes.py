@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hdsafebo.outcomes import Outcomes
+from hdsafebo.outcomes import Outcomes, normal_scores
 
 
 def test_scale_is_that_of_the_central_values() -> None:
@@ -41,3 +41,17 @@ def test_constants_have_scale_one(y: list[float]) -> None:
 def test_rare_class_sets_the_scale_when_the_rest_is_constant() -> None:
     y = np.array([0.0] * 97 + [4.4] * 3)
     assert Outcomes.of(y).scale == pytest.approx(y.std())
+
+
+def test_normal_scores_are_normal_and_keep_the_order() -> None:
+    y = np.append(np.random.default_rng(2).lognormal(0.0, 3.0, 999), 1e300)
+    scores = normal_scores(y)
+    np.testing.assert_array_equal(np.argsort(scores), np.argsort(y))
+    assert scores.mean() == pytest.approx(0.0, abs=1e-9)
+    assert scores.std() == pytest.approx(1.0, abs=0.01)
+
+
+def test_equal_values_have_equal_normal_scores() -> None:
+    np.testing.assert_array_equal(normal_scores(np.full(5, 3.0)), 0.0)
+    low, high, tied = normal_scores(np.array([1.0, 2.0, 2.0]))[[0, 1, 2]]
+    assert low < high == tied

@@ -18,11 +18,7 @@ from hdsafebo.kernel import matern52
 from hdsafebo.outcomes import Outcomes
 from hdsafebo.problem import FloatArray
 
-_NOISE_MODE = np.log(1e-4)
-_NOISE_SPREAD = 2.0
-_NOISE_LIMITS = (np.log(1e-7), np.log(1.0))
 _LENGTH_SPREAD = 2.0
-_FIRST_NOISES = (np.log(1e-4), np.log(1e-2), np.log(0.2))
 _FIRST_STEPS = (0.35, 1.0)
 _STEPS = (0.05, 0.5)
 _GRID = 15
@@ -41,6 +37,25 @@ class LengthScaleLimits:
     most: float = 3.0
 
 
+@dataclass(frozen=True)
+class NoisePrior:
+    """Log-normal prior of the noise ratio, noise variance over signal variance.
+
+    Attributes:
+        mode: the likeliest ratio.
+        spread: standard deviation of its logarithm.
+        least: smallest ratio.
+        most: largest one.
+        first: ratios at which a first fit tries all length scales.
+    """
+
+    mode: float = 1e-4
+    spread: float = 2.0
+    least: float = 1e-7
+    most: float = 1.0
+    first: tuple[float, ...] = (1e-4, 1e-2, 0.2)
+
+
 def fit_gaussian_process(
     inputs: FloatArray,
     distances: FloatArray,
@@ -48,12 +63,13 @@ def fit_gaussian_process(
     *,
     start: Hyperparameters | None = None,
     limits: LengthScaleLimits | None = None,
+    noise: NoisePrior | None = None,
     refine: bool = True,
 ) -> GaussianProcess:
     """Fit by maximum a posteriori.
 
     Log-normal priors keep apart what the data cannot: length scale (median: the data's median distance,
-    spread a factor e^2) and noise ratio (1e-4, the same spread).
+    spread a factor e^2) and noise ratio (see `NoisePrior`).
 
     Args:
         inputs: (n, p) kernel inputs, n >= 1.
@@ -61,6 +77,7 @@ def fit_gaussian_process(
         y: (n,) finite outcomes.
         start: hyper-parameters of the last fit of the same function.
         limits: of the length scale.
+        noise: prior of the noise ratio.
         refine: False keeps length scale and noise ratio of `start`, if there is one.
 
     Raises:
@@ -68,16 +85,18 @@ def fit_gaussian_process(
             the largest jitter.
     """
     outcomes = Outcomes.of(y)
+    noise = noise or NoisePrior()
     search = _Search(
         distances,
         outcomes.standardise(y),
-        start or _first_guess(distances, inputs.shape[1]),
+        start or _first_guess(distances, inputs.shape[1], noise),
         limits or LengthScaleLimits(),
+        noise,
     )
     refine = refine or start is None
     if start is None:
-        for noise in _FIRST_NOISES:
-            search.scan(noise)
+        for ratio in noise.first:
+            search.scan(np.log(ratio))
     elif refine and (start.fits < _THOROUGH_FITS or start.fits % _THOROUGH_EVERY == 0):
         search.scan(np.log(start.noise_ratio))
     else:
@@ -102,7 +121,7 @@ def fit_gaussian_process(
     )
 
 
-def _first_guess(distances: FloatArray, dimension: int) -> Hyperparameters:
+def _first_guess(distances: FloatArray, dimension: int, noise: NoisePrior) -> Hyperparameters:
     """Hyper-parameters to start from without an earlier fit."""
     off_diagonal = distances[np.triu_indices(len(distances), 1)]
     reference = float(np.median(off_diagonal)) if len(off_diagonal) else 0.0
@@ -110,7 +129,7 @@ def _first_guess(distances: FloatArray, dimension: int) -> Hyperparameters:
         reference = float(np.max(distances)) or float(
             np.sqrt(dimension / 6.0)
         )  # of points spread over the unit cube
-    return Hyperparameters(reference, float(np.exp(_NOISE_MODE)), _FIRST_STEPS, 0, reference)
+    return Hyperparameters(reference, noise.mode, _FIRST_STEPS, 0, reference)
 
 
 @dataclass(frozen=True)
@@ -130,14 +149,23 @@ class _Search:
     """Maximises the profile posterior density over theta = (log length scale, log noise ratio)."""
 
     def __init__(
-        self, distances: FloatArray, values: FloatArray, start: Hyperparameters, limits: LengthScaleLimits
+        self,
+        distances: FloatArray,
+        values: FloatArray,
+        start: Hyperparameters,
+        limits: LengthScaleLimits,
+        noise: NoisePrior,
     ) -> None:
         self.distances = distances
         self.values = values
         self.start = start
+        self.noise = noise
         self.columns = np.column_stack([values, np.ones(len(values))])
         reference = start.reference
-        self.limits = ((np.log(limits.least * reference), np.log(limits.most * reference)), _NOISE_LIMITS)
+        self.limits = (
+            (np.log(limits.least * reference), np.log(limits.most * reference)),
+            (np.log(noise.least), np.log(noise.most)),
+        )
         self.best: _Evaluation | None = None
 
     def scan(self, log_noise: float) -> None:
@@ -201,7 +229,7 @@ class _Search:
         variance = float((residual @ residual + _PSEUDO) / (n + _PSEUDO))
         density = -0.5 * (n + _PSEUDO) * np.log(variance) - np.log(np.diag(factor)).sum()
         density -= 0.5 * ((theta[0] - np.log(self.start.reference)) / _LENGTH_SPREAD) ** 2
-        density -= 0.5 * ((theta[1] - _NOISE_MODE) / _NOISE_SPREAD) ** 2
+        density -= 0.5 * ((theta[1] - np.log(self.noise.mode)) / self.noise.spread) ** 2
         if not np.isfinite(density):
             return None
         return _Evaluation(theta, float(density), mean, variance, factor, residual, jitter)

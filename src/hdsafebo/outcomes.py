@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
+from scipy.stats import rankdata
 
 from hdsafebo.problem import FloatArray
 
@@ -50,3 +52,12 @@ class Outcomes:
     def restore(self, v: FloatArray) -> FloatArray:
         """Values in the outcomes' units (drawn-in values stay drawn in)."""
         return self.centre + self.scale * v
+
+
+def normal_scores(y: FloatArray) -> FloatArray:
+    """(n,) standard normal quantiles at the ranks of the (n,) values; equal values share a rank.
+
+    Modelled in place of the values they spread out what is crowded, such as the best of them, and have the
+    same maximiser (Gaussian copula, as in SCBO: Eriksson and Poloczek, AISTATS 2021, section 3.2).
+    """
+    return np.asarray(ndtri((rankdata(y) - 0.5) / len(y)))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hdsafebo.errors import SurrogateError
 from hdsafebo.gaussian_process import GaussianProcess, Hyperparameters
-from hdsafebo.gp_fit import LengthScaleLimits, fit_gaussian_process
+from hdsafebo.gp_fit import LengthScaleLimits, NoisePrior, fit_gaussian_process
 from hdsafebo.kernel import exact_distances
 from hdsafebo.problem import FloatArray, Safety
 from hdsafebo.safe_set import safe_probability, violation_bound
@@ -171,6 +171,7 @@ def fit_surrogate(
     start: SurrogateState | None = None,
     cache: DistanceCache | None = None,
     limits: LengthScaleLimits | None = None,
+    noise: NoisePrior | None = None,
     refine: bool = True,
 ) -> Surrogate:
     """Fit all Gaussian processes.
@@ -183,6 +184,7 @@ def fit_surrogate(
         start: of the last fit.
         cache: distances of an earlier call.
         limits: of the length scales.
+        noise: prior of the noise ratios.
         refine: False keeps the hyper-parameters of `start`, if there are any.
 
     Raises:
@@ -199,7 +201,7 @@ def fit_surrogate(
     outcomes = [objective, *safety.T]
     processes = [
         fit_gaussian_process(
-            inputs, distances, np.ascontiguousarray(y), start=s, limits=limits, refine=refine
+            inputs, distances, np.ascontiguousarray(y), start=s, limits=limits, noise=noise, refine=refine
         )
         for y, s in zip(outcomes, starts, strict=True)
     ]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
 from hdsafebo.errors import ProblemError
 from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
@@ -141,23 +142,6 @@ class TestFeatures:
         run_rounds(optimizer, 8, 4)
         assert np.isfinite(optimizer.trials.predicted_safe_probability[-4:]).all()
 
-    def test_hidden_directions_are_searched(self) -> None:
-        """The features see the difference of the last two coordinates only; the optimum needs their sum."""
-        problem = bowl_problem()
-        matrix = np.vstack([np.eye(4)[:2], [0.0, 0.0, 1.0, -1.0]])
-        problem.features = lambda x: x @ matrix.T
-        optimizer = HdSafeBOLocal(problem, seed=3)
-        start = observe_initial(optimizer, 15)
-        assert optimizer.metric.hides_directions
-        first = optimizer.ask(10)
-        best = start.x[np.argmax(np.where(start.safety[:, 0] >= 0, start.objective, -np.inf))]
-        assert np.ptp((first.x - best)[:, 2:].sum(axis=1)) > 0.01
-        assert (first.predicted_safe_probability[~first.marked_unsafe] >= 0.977 - 1e-6).all()
-        optimizer.tell(first, *problem.function(first.x))
-        run_rounds(optimizer, 10, 10)
-        assert abs(best[2:].sum() - 1.2) > 0.1
-        assert abs(optimizer.best().x[0, 2:].sum() - 1.2) < 0.05
-
     def test_features_must_be_affine(self) -> None:
         problem = bowl_problem()
         problem.features = np.sin
@@ -165,6 +149,70 @@ class TestFeatures:
         observe_initial(optimizer)
         with pytest.raises(ProblemError, match=r"features of 'bowl' differ by .* affine"):
             optimizer.ask(2)
+
+
+class TestHiddenDirections:
+    """The features see the difference of the last two coordinates only; the optimum needs their sum."""
+
+    def optimizer(self, seed: int = 3, threshold: float = 0.0, **settings) -> HdSafeBOLocal:
+        problem = bowl_problem(threshold)
+        matrix = np.vstack([np.eye(4)[:2], [0.0, 0.0, 1.0, -1.0]])
+        problem.features = lambda x: x @ matrix.T
+        optimizer = HdSafeBOLocal(problem, seed=seed, **settings)
+        assert optimizer.metric.hides_directions
+        return optimizer
+
+    def test_they_are_searched(self) -> None:
+        optimizer = self.optimizer()
+        start = observe_initial(optimizer, 15)
+        best = start.x[np.argmax(np.where(start.safety[:, 0] >= 0, start.objective, -np.inf))]
+        assert abs(best[2:].sum() - 1.2) > 0.1
+        first = optimizer.ask(10)
+        assert np.ptp((first.x - best)[:, 2:].sum(axis=1)) > 0.01
+        assert (first.predicted_safe_probability[~first.marked_unsafe] >= 0.977 - 1e-6).all()
+        optimizer.tell(first, *optimizer.problem.function(first.x))
+        run_rounds(optimizer, 10, 10)
+        assert abs(optimizer.best().x[0, 2:].sum() - 1.2) < 0.05
+
+    def test_centre_is_a_mean_of_the_best_feasible_trials(self) -> None:
+        optimizer = self.optimizer(exploit=0.0, threshold=-3.0)
+        observe_initial(optimizer, 150)
+        feasible = np.flatnonzero(optimizer.feasible)
+        best = feasible[np.argsort(-optimizer.trials.objective[feasible])][:10]
+        weights = np.log(10.5) - np.log(np.arange(1, 11))
+        centre = weights / weights.sum() @ optimizer.space.to_unit(optimizer.trials.z[best])
+        smallest = optimizer.space.to_unit(optimizer.ask(8).z)[0]
+        np.testing.assert_allclose(smallest, centre, atol=0.05)
+
+    def test_steps_are_of_every_size_that_is_believed_safe(self) -> None:
+        optimizer = self.optimizer(exploit=0.0, threshold=-3.0)
+        observe_initial(optimizer, 150)
+        centre = optimizer._centre()
+        lengths = np.linalg.norm(optimizer._step(centre, 8) - centre, axis=1)
+        assert len(lengths) == 8
+        assert lengths[:3].max() < 0.1 * lengths[-3:].max()
+
+    def test_outcomes_are_normal_scores_with_noise(self) -> None:
+        optimizer = self.optimizer()
+        observe_initial(optimizer, 150)
+        model = optimizer.surrogate.objective
+        raw = model.outcomes.restore(model.values)
+        assert np.abs(raw).max() == pytest.approx(ndtri(1 - 0.5 / 150))
+        np.testing.assert_array_equal(np.argsort(raw), np.argsort(optimizer.trials.objective))
+        assert all(gp.hyper.noise_ratio >= 0.999 / 30 for gp in (model, *optimizer.surrogate.safety))
+
+    @pytest.mark.parametrize("exploit", [0.0, 1.0])
+    def test_any_share_of_climbs(self, exploit: float) -> None:
+        optimizer = self.optimizer(exploit=exploit)
+        observe_initial(optimizer, 15)
+        run_rounds(optimizer, 3, 4)
+        assert len(optimizer.trials) == 27
+
+    def test_nothing_safe_is_said(self) -> None:
+        optimizer = self.optimizer()
+        x = np.random.default_rng(0).random((6, 4))
+        optimizer.observe(x, np.zeros(6), np.full(6, -1.0), initial=True)
+        assert optimizer.ask(4).marked_unsafe.all()
 
 
 class TestFiniteSet:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import NoSafePointError, TrialError
-from hdsafebo.gp_fit import LengthScaleLimits
+from hdsafebo.gp_fit import LengthScaleLimits, NoisePrior
 from hdsafebo.optimizers.fits import FitCounts, Fits
 from hdsafebo.optimizers.ledger import Ledger
 from hdsafebo.optimizers.nearest_trials import rows_near_best
@@ -326,8 +326,14 @@ class Optimizer(ABC):
             start=start,
             cache=cache,
             limits=LengthScaleLimits(self.settings.shortest_length_scale, self.settings.longest_length_scale),
+            noise=self.noise_prior,
             refine=self.refines(),
         )
+
+    @property
+    def noise_prior(self) -> NoisePrior:
+        """What is known beforehand of the noise of all functions."""
+        return NoisePrior()
 
     def refines(self) -> bool:
         """Whether a fit searches hyper-parameters, or keeps those of the fit before."""

@@ -10,8 +10,12 @@ What differs from the paper's algorithm, which is kept as it is in `hdsafebo.py`
   posterior mean, the rest climbs posterior sample paths (Thompson sampling) close to where that leads.
 
 Features of the problem may hide directions of the searched space: they change no kernel input, and no ascent
-moves along them, though the outcomes may well depend on them. The rest of a batch is then chosen by Thompson
-sampling among random steps in all directions, at radii spread over orders of magnitude.
+moves along them, though the outcomes may well depend on them. To a model such outcomes are noisy and rugged:
+
+* Noise is taken to be large, and the objective is modelled by its normal scores.
+* The centre is the weighted mean of the best feasible trials, as in an evolution strategy.
+* The rest of a batch are random steps in all directions that are believed safe: of each of several classes of
+  size, the best under a posterior sample of its own.
 
 Asked for single trials in a continuous space it makes one climb after another (see `climbs`).
 
@@ -34,20 +38,27 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from hdsafebo.ascent import Metric, ascend
+from hdsafebo.gp_fit import NoisePrior
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.caution import Caution
 from hdsafebo.optimizers.climbs import Climb, gain, jump
 from hdsafebo.optimizers.empty_set import complete_batch
 from hdsafebo.optimizers.feature_metric import kernel_metric
+from hdsafebo.optimizers.recombination import normal_steps, recombined, size_classes
 from hdsafebo.optimizers.row_regions import rows_near, separate_centres
 from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.outcomes import normal_scores
 from hdsafebo.problem import FloatArray, IntArray, Status, Trials
 from hdsafebo.sampling import SamplePaths, thompson_sample
 from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
 
 _CLOUD = 64
 _STEPS = 1600
-_STEP_RADII = (0.05, 2.0)
+_STEP_SIZES = (0.003, 0.5)
+"""Standard deviations of random steps, in widths of the box."""
+_PARENTS = 10
+_HIDDEN_NOISE = NoisePrior(mode=0.1, spread=1.0, least=1 / 30, first=(0.05, 0.1, 0.4))
+"""Where features hide directions: what those change looks like noise."""
 _CENTRES = 100
 _NONE = np.empty(0, np.int64)
 
@@ -129,13 +140,12 @@ class HdSafeBOLocal(Optimizer):
             return self._choose_rows(n)
         if n == 1 and (first := self._next_climb()) is not None:
             return first
-        centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
-        hidden = self.metric.hides_directions
-        if self.round == 0 and n > 1 and not hidden:
+        centre = self._centre()
+        if self.round == 0 and n > 1 and not self.hides_directions:
             return self._believed(self._probe(centre, n), centre, n)
         climbers = self._exploit(centre, n)
         count = int(self.settings.exploit * n + self.rng.random())  # in the mean, the share of the batch
-        if hidden:
+        if self.hides_directions:
             explorers = self._step(centre, n - count)
         else:
             predicted = self.surrogate.objective.predict_mean(self.metric.inputs(climbers))
@@ -178,6 +188,28 @@ class HdSafeBOLocal(Optimizer):
 
     # --- continuous space
 
+    @property
+    def hides_directions(self) -> bool:
+        """Whether some directions of the continuous space change no kernel input."""
+        return self.problem.candidates is None and self.metric.hides_directions
+
+    @property
+    def noise_prior(self) -> NoisePrior:
+        """A larger one where features hide directions."""
+        return _HIDDEN_NOISE if self.hides_directions else super().noise_prior
+
+    def outcomes_to_fit(self, rows: IntArray) -> FloatArray:
+        """Objective values, or their normal scores where features hide directions."""
+        values = super().outcomes_to_fit(rows)
+        return normal_scores(values) if self.hides_directions else values
+
+    def _centre(self) -> FloatArray:
+        """(d,) the point of `centre_row`, or the mean of the best where features hide directions."""
+        parents = self._best_first(self.feasible & self.climb.owns(self.trials))[:_PARENTS]
+        if self.hides_directions and len(parents):
+            return recombined(np.clip(self.space.to_unit(self.trials.z[parents]), 0.0, 1.0))
+        return np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
+
     def _probe(self, centre: FloatArray, n: int) -> FloatArray:
         """Points around the centre at radii spread evenly over orders of magnitude."""
         radii = np.geomspace(self.settings.probe_min, self.settings.probe_max, n)
@@ -199,15 +231,17 @@ class HdSafeBOLocal(Optimizer):
         return self._climb(paths.value_and_gradient, centre, np.full(n, radius))
 
     def _step(self, centre: FloatArray, n: int) -> FloatArray:
-        """Random steps that are believed safe, each the best of a sample path of its own; at most n."""
-        radii = np.geomspace(*_STEP_RADII, _STEPS) * self.region.length * self.surrogate.length_scale
-        steps = self._around(centre, radii)
+        """Random steps that are believed safe, the best of each class of size under a posterior sample."""
+        if n == 0:
+            return np.empty((0, len(centre)))
+        steps = normal_steps(centre, _STEP_SIZES, _STEPS, self.rng)
         inputs = self.metric.inputs(steps)
         safe = self.surrogate.believed_safe(inputs, self.confidence)
-        steps, inputs = steps[safe], inputs[safe]
-        if len(steps) > n:
-            steps = steps[thompson_sample(self.surrogate.objective, inputs, n, self.rng)]
-        return steps
+        chosen = [
+            part[thompson_sample(self.surrogate.objective, seen, 1, self.rng)]
+            for part, seen in size_classes(steps[safe], inputs[safe], n)
+        ]
+        return np.concatenate([np.empty((0, len(centre))), *chosen])
 
     def _next_climb(self) -> Proposal | None:
         """The trial that begins the next climb; None while the present one goes on, or when there is none."""
