@@ -86,7 +86,7 @@ class HandProblem(Block):
     reported: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
     modelled: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
     modelled_local: Annotated[list[HandSafety], Field(min_length=1)] = ["no_drop"]
-    directions: Count = 4
+    directions: Count = 12
 
 
 class HandTask(Block):
