@@ -184,14 +184,6 @@ class TestHiddenDirections:
         smallest = optimizer.space.to_unit(optimizer.ask(8).z)[0]
         np.testing.assert_allclose(smallest, centre, atol=0.05)
 
-    def test_steps_are_of_every_size_that_is_believed_safe(self) -> None:
-        optimizer = self.optimizer(exploit=0.0, threshold=-3.0)
-        observe_initial(optimizer, 150)
-        centre = optimizer._centre()
-        lengths = np.linalg.norm(optimizer._step(centre, 8) - centre, axis=1)
-        assert len(lengths) == 8
-        assert lengths[:3].max() < 0.1 * lengths[-3:].max()
-
     def test_outcomes_are_normal_scores_with_noise(self) -> None:
         optimizer = self.optimizer()
         observe_initial(optimizer, 150)

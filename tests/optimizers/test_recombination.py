@@ -4,7 +4,18 @@ import cma
 import numpy as np
 import pytest
 
-from hdsafebo.optimizers.recombination import normal_steps, recombined, size_classes
+from hdsafebo.ascent import Metric
+from hdsafebo.optimizers.recombination import recombined, safe_steps
+from hdsafebo.surrogate import Surrogate, fit_surrogate
+
+METRIC = Metric(np.eye(3)[:2], np.zeros(2))
+CENTRE = np.full(3, 0.5)
+
+
+def surrogate(threshold: float) -> Surrogate:
+    """The objective grows with the first of three coordinates, the safety with the second."""
+    x = np.random.default_rng(0).random((60, 2))
+    return fit_surrogate(x, x[:, 0], x[:, [1]], np.array([threshold]))
 
 
 def test_one_parent_is_its_own_mean() -> None:
@@ -12,24 +23,42 @@ def test_one_parent_is_its_own_mean() -> None:
 
 
 def test_weights_are_those_of_pycma() -> None:
-    weights = recombined(np.eye(10))
     theirs = cma.recombination_weights.RecombinationWeights(20)
-    np.testing.assert_allclose(weights, np.asarray(theirs)[:10], rtol=1e-6)
+    np.testing.assert_allclose(recombined(np.eye(10)), np.asarray(theirs)[:10], rtol=1e-6)
 
 
-def test_steps_have_the_sizes_asked_for_and_stay_in_the_cube() -> None:
-    centre = np.full(4000, 0.5)
-    steps = normal_steps(centre, (1e-3, 1e-1), 3, np.random.default_rng(0))
-    np.testing.assert_allclose((steps - centre).std(axis=1), [1e-3, 1e-2, 1e-1], rtol=0.05)
-    far = normal_steps(centre, (1.0, 2.0), 5, np.random.default_rng(1))
-    assert far.min() == 0.0
-    assert far.max() == 1.0
+def test_steps_are_of_every_size() -> None:
+    steps = safe_steps(surrogate(-1.0), METRIC, CENTRE, -2.0, 8, np.random.default_rng(1))
+    assert steps.shape == (8, 3)
+    lengths = np.linalg.norm(steps - CENTRE, axis=1)
+    assert lengths[0] < 0.02
+    assert lengths[-1] > 0.3
+    assert steps.min() >= 0.0
+    assert steps.max() <= 1.0
 
 
-@pytest.mark.parametrize(("count", "n", "sizes"), [(7, 3, [3, 2, 2]), (2, 3, [1, 1]), (0, 3, [])])
-def test_classes_keep_the_order_and_are_never_empty(count: int, n: int, sizes: list[int]) -> None:
-    steps = np.arange(count, dtype=float)[:, None]
-    parts = list(size_classes(steps, 2.0 * steps, n))
-    assert [len(part) for part, _ in parts] == sizes
-    np.testing.assert_array_equal(np.concatenate([steps[:0], *(part for part, _ in parts)]), steps)
-    assert all((seen == 2.0 * part).all() for part, seen in parts)
+def test_steps_climb_and_reach_what_the_metric_hides() -> None:
+    batches = [
+        safe_steps(surrogate(-1.0), METRIC, CENTRE, -2.0, 8, np.random.default_rng(seed)) - CENTRE
+        for seed in range(20)
+    ]
+    steps = np.concatenate(batches)
+    assert (steps[:, 0] > 0).mean() > 0.95
+    assert np.abs(steps[:, 2]).max() > 0.3
+    assert abs((steps[:, 2] > 0).mean() - 0.5) < 0.15
+
+
+@pytest.mark.parametrize("threshold", [0.45, 0.55])
+def test_steps_are_believed_safe(threshold: float) -> None:
+    """Though the centre itself is not, with the second threshold."""
+    model = surrogate(threshold)
+    steps = safe_steps(model, METRIC, CENTRE, -2.0, 8, np.random.default_rng(2))
+    assert len(steps) == 8
+    assert model.believed_safe(METRIC.inputs(steps), -2.0).all()
+    assert (steps[:, 1] >= threshold - 1e-3).all()
+
+
+@pytest.mark.parametrize(("threshold", "n"), [(-1.0, 0), (5.0, 8)])
+def test_none_asked_for_or_none_safe(threshold: float, n: int) -> None:
+    steps = safe_steps(surrogate(threshold), METRIC, CENTRE, -2.0, n, np.random.default_rng(3))
+    assert steps.shape == (0, 3)

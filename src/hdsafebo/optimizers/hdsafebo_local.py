@@ -44,7 +44,7 @@ from hdsafebo.optimizers.caution import Caution
 from hdsafebo.optimizers.climbs import Climb, gain, jump
 from hdsafebo.optimizers.empty_set import complete_batch
 from hdsafebo.optimizers.feature_metric import kernel_metric
-from hdsafebo.optimizers.recombination import normal_steps, recombined, size_classes
+from hdsafebo.optimizers.recombination import recombined, safe_steps
 from hdsafebo.optimizers.row_regions import rows_near, separate_centres
 from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.outcomes import normal_scores
@@ -53,9 +53,6 @@ from hdsafebo.sampling import SamplePaths, thompson_sample
 from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
 
 _CLOUD = 64
-_STEPS = 1600
-_STEP_SIZES = (0.003, 0.5)
-"""Standard deviations of random steps, in widths of the box."""
 _PARENTS = 10
 _HIDDEN_NOISE = NoisePrior(mode=0.1, spread=1.0, least=1 / 30, first=(0.05, 0.1, 0.4))
 """Where features hide directions: what those change looks like noise."""
@@ -146,7 +143,7 @@ class HdSafeBOLocal(Optimizer):
         climbers = self._exploit(centre, n)
         count = int(self.settings.exploit * n + self.rng.random())  # in the mean, the share of the batch
         if self.hides_directions:
-            explorers = self._step(centre, n - count)
+            explorers = safe_steps(self.surrogate, self.metric, centre, self.confidence, n - count, self.rng)
         else:
             predicted = self.surrogate.objective.predict_mean(self.metric.inputs(climbers))
             explorers = self._explore(climbers[predicted.argmax()], n - count)
@@ -229,19 +226,6 @@ class HdSafeBOLocal(Optimizer):
         paths = SamplePaths(self.surrogate.objective, n, self.rng)
         radius = self.settings.explore_radius * self.surrogate.length_scale
         return self._climb(paths.value_and_gradient, centre, np.full(n, radius))
-
-    def _step(self, centre: FloatArray, n: int) -> FloatArray:
-        """Random steps that are believed safe, the best of each class of size under a posterior sample."""
-        if n == 0:
-            return np.empty((0, len(centre)))
-        steps = normal_steps(centre, _STEP_SIZES, _STEPS, self.rng)
-        inputs = self.metric.inputs(steps)
-        safe = self.surrogate.believed_safe(inputs, self.confidence)
-        chosen = [
-            part[thompson_sample(self.surrogate.objective, seen, 1, self.rng)]
-            for part, seen in size_classes(steps[safe], inputs[safe], n)
-        ]
-        return np.concatenate([np.empty((0, len(centre))), *chosen])
 
     def _next_climb(self) -> Proposal | None:
         """The trial that begins the next climb; None while the present one goes on, or when there is none."""

@@ -7,11 +7,16 @@ Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772, section 3.2).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
+from hdsafebo.ascent import Metric
 from hdsafebo.problem import FloatArray
+from hdsafebo.sampling import thompson_sample
+from hdsafebo.surrogate import Surrogate
+
+_STEPS = 1600
+_STEP_SIZES = (0.003, 0.5)
+"""Standard deviations of random steps per dimension, in widths of the box."""
 
 
 def recombined(parents: FloatArray) -> FloatArray:
@@ -21,23 +26,33 @@ def recombined(parents: FloatArray) -> FloatArray:
     return np.asarray(weights @ parents / weights.sum())
 
 
-def normal_steps(
-    centre: FloatArray, sizes: tuple[float, float], n: int, rng: np.random.Generator
+def safe_steps(
+    surrogate: Surrogate,
+    metric: Metric,
+    centre: FloatArray,
+    beta: float,
+    n: int,
+    rng: np.random.Generator,
 ) -> FloatArray:
-    """(n, d) points of the unit cube at normal steps from the (d,) centre, the smallest first.
+    """(m, d) random steps of every size that is believed safe, m at most n, the smallest first.
+
+    Steps that are believed safe form n classes by their size; of each class the best under a posterior sample
+    of its own is taken. One sample for all would take the smallest only, where the mean is known to be high.
 
     Args:
-        centre: of the unit cube.
-        sizes: smallest and largest standard deviation per dimension; those between grow geometrically.
+        surrogate: what is believed.
+        metric: from unit cube to kernel inputs.
+        centre: (d,) of the unit cube.
+        beta: of the safe set.
         n: number of steps.
         rng: source of randomness.
     """
-    deviation = np.geomspace(*sizes, n)[:, None]
-    return np.clip(centre + deviation * rng.standard_normal((n, len(centre))), 0.0, 1.0)
-
-
-def size_classes(steps: FloatArray, inputs: FloatArray, n: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Up to n parts of steps and their kernel inputs, in the order of their sizes, none of them empty."""
-    for part in np.array_split(np.arange(len(steps)), n):
-        if len(part):
-            yield steps[part], inputs[part]
+    if n == 0:
+        return np.empty((0, len(centre)))
+    deviation = np.geomspace(*_STEP_SIZES, _STEPS)[:, None]
+    steps = np.clip(centre + deviation * rng.standard_normal((_STEPS, len(centre))), 0.0, 1.0)
+    inputs = metric.inputs(steps)
+    safe = np.flatnonzero(surrogate.believed_safe(inputs, beta))
+    classes = [rows for rows in np.array_split(safe, n) if len(rows)]
+    chosen = [rows[thompson_sample(surrogate.objective, inputs[rows], 1, rng)] for rows in classes]
+    return steps[np.concatenate([safe[:0], *chosen])]
