@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from hdsafebo.campaign.provenance import digest_paths, git_state, stage_dependencies
-from hdsafebo.campaign.tracking import default_uri, flatten, track_stage
+from hdsafebo.campaign.tracking import Tracker, default_uri, flatten, track_stage
 from hdsafebo.errors import ParamsError
 
 PARAMS = {"tasks": {"synthetic": {"budget": {"trials": 30}}}, "methods": {"sobol": {}}}
@@ -118,6 +118,22 @@ def test_a_failing_stage_is_a_failed_run(project: Path) -> None:
     client = MlflowClient(tracking_uri=default_uri(project))
     run = client.search_runs([client.get_experiment_by_name("pipeline").experiment_id])[0]
     assert (run.info.status, run.info.run_name) == ("FAILED", "solve_lead_field")
+
+
+@pytest.mark.usefixtures("local_store")
+def test_a_run_that_was_cut_ends_as_killed_when_its_stage_runs_again(project: Path) -> None:
+    from mlflow.tracking import MlflowClient
+
+    for stage in ("fit_synergies", "solve_lead_field"):
+        cut = Tracker(stage, {}, project)
+        cut.log_metrics({"done": 0.5})  # and then the power fails
+    with track_stage("solve_lead_field", {}, project):
+        pass
+    client = MlflowClient(tracking_uri=default_uri(project))
+    runs = client.search_runs([client.get_experiment_by_name("pipeline").experiment_id])
+    assert sorted((run.info.run_name, run.info.status) for run in runs) == [
+        ("fit_synergies", "RUNNING"), ("solve_lead_field", "FINISHED"), ("solve_lead_field", "KILLED"),
+    ]  # fmt: skip
 
 
 @pytest.mark.usefixtures("local_store")

@@ -177,10 +177,18 @@ class Tracker:
             self._experiment = client.create_experiment(
                 self._experiment_name, artifact_location=local if uri == default_uri(self.root) else None
             )
+        if uri == default_uri(self.root):
+            self._close_cut_runs(client)
         run = client.create_run(self._experiment, tags=self._tags(), run_name=self._run_name)
         self._run = run.info.run_id
         self._write_params(client, self._run, self._params)
         return client
+
+    def _close_cut_runs(self, client: MlflowClient) -> None:
+        """Earlier runs of this item that never ended were killed: a project runs an item once at a time."""
+        for run in client.search_runs([self._experiment], "attributes.status = 'RUNNING'"):
+            if run.info.run_name == self._run_name and run.data.tags.get("stage") == self.stage:
+                client.set_terminated(run.info.run_id, "KILLED")
 
     def _tags(self) -> dict[str, str]:
         """Tags by which runs are found again; identifiers of runs never enter a file of the pipeline."""
