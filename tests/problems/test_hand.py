@@ -127,7 +127,7 @@ def test_features_are_linear_and_only_for_the_local_method(make: Callable[[str],
     features = make("hdsafebo_local").problem.features
     assert features is not None
     x = np.random.default_rng(0).standard_normal((2, 43 * 55))
-    assert features(x).shape == (2, 43 * 4)
+    assert features(x).shape == (2, 43 * 12)
     np.testing.assert_allclose(features(x[:1] - 2 * x[1:]), features(x)[:1] - 2 * features(x)[1:], atol=1e-9)
 
 
