@@ -54,8 +54,10 @@ from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
 
 _CLOUD = 64
 _PARENTS = 10
+"""Trials whose mean is the centre where features hide directions."""
 _HIDDEN_NOISE = NoisePrior(mode=0.1, spread=1.0, least=1 / 30, first=(0.05, 0.1, 0.4))
-"""Where features hide directions: what those change looks like noise."""
+"""There, what the hidden directions change looks like noise; without a least value of it, small steps from a
+lucky trial are believed safe that are not."""
 _CENTRES = 100
 _NONE = np.empty(0, np.int64)
 
@@ -132,7 +134,10 @@ class HdSafeBOLocal(Optimizer):
         self._metric: Metric | None = None
 
     def propose(self, n: int) -> Proposal:
-        """A probe in the first round, then ascents; on a finite set, rows of the trust region."""
+        """A probe in the first round, then ascents; on a finite set, rows of the trust region.
+
+        Where features hide directions: some ascents of the mean, and random steps.
+        """
         if self.problem.candidates is not None:
             return self._choose_rows(n)
         if n == 1 and (first := self._next_climb()) is not None:

@@ -37,7 +37,8 @@ def safe_steps(
     """(m, d) random steps of every size that is believed safe, m at most n, the smallest first.
 
     Steps that are believed safe form n classes by their size; of each class the best under a posterior sample
-    of its own is taken. One sample for all would take the smallest only, where the mean is known to be high.
+    of its own is taken. Chosen from all at once they would mostly be small: there the mean is known to be
+    high.
 
     Args:
         surrogate: what is believed.

@@ -45,22 +45,27 @@ class MonthResult:
     @property
     def improved(self) -> int:
         """Number of muscles whose best improved."""
-        return sum(self.final_best[m] > self.initial_best[m] for m in self.final_best)
+        return _higher(self.final_best, self.initial_best)
 
     @property
     def improved_highest(self) -> int:
         """The same for the trials with the highest measurement."""
-        return sum(self.final_highest[m] > self.initial_highest[m] for m in self.final_highest)
+        return _higher(self.final_highest, self.initial_highest)
 
     @property
     def improved_on_highest(self) -> int:
         """The same for the trial believed best in the end over the initial one measured highest."""
-        return sum(self.final_best[m] > self.initial_highest[m] for m in self.final_best)
+        return _higher(self.final_best, self.initial_highest)
 
     @property
     def improved_measured(self) -> int:
         """Number of muscles whose highest measurement rose."""
-        return sum(self.final_measured[m] > self.initial_measured[m] for m in self.final_measured)
+        return _higher(self.final_measured, self.initial_measured)
+
+
+def _higher(final: dict[str, float], initial: dict[str, float]) -> int:
+    """Number of muscles with a higher value in the end."""
+    return sum(value > initial[muscle] for muscle, value in final.items())
 
 
 def evaluate_month(session: Session, patient: SimulatedPatient) -> MonthResult:
