@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from hdsafebo.errors import ProblemError
 from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
+from hdsafebo.optimizers.recombination import safe_steps
+from hdsafebo.problem import FloatArray
 from optimizers.toy import Halving, bowl_problem, observe_initial, rows_problem, run_rounds
 
 
@@ -174,15 +177,41 @@ class TestHiddenDirections:
         run_rounds(optimizer, 10, 10)
         assert abs(optimizer.best().x[0, 2:].sum() - 1.2) < 0.05
 
-    def test_centre_is_a_mean_of_the_best_feasible_trials(self) -> None:
+    def test_centre_is_a_mean_of_the_best_feasible_trials(self, centres: list[FloatArray]) -> None:
         optimizer = self.optimizer(exploit=0.0, threshold=-3.0)
         observe_initial(optimizer, 150)
-        feasible = np.flatnonzero(optimizer.feasible)
-        best = feasible[np.argsort(-optimizer.trials.objective[feasible])][:10]
+        optimizer.ask(8)
+        np.testing.assert_allclose(centres[-1], self.mean_of_best(optimizer, np.arange(150)))
+
+    def test_parents_are_recent(self, centres: list[FloatArray]) -> None:
+        optimizer = self.optimizer(exploit=0.0, threshold=-3.0, parents_from=30, least_step=0.3)
+        observe_initial(optimizer, 150)
+        run_rounds(optimizer, 2, 10)
+        known = np.arange(170)
+        optimizer.ask(10)
+        np.testing.assert_allclose(centres[-1], self.mean_of_best(optimizer, known))
+        last = optimizer.trials[-10:]
+        optimizer.tell(last, *optimizer.problem.function(last.x))
+        optimizer.ask(8)
+        np.testing.assert_allclose(centres[-1], self.mean_of_best(optimizer, np.arange(150, 180)))
+
+    def mean_of_best(self, optimizer: HdSafeBOLocal, rows: NDArray[np.int64]) -> FloatArray:
+        rows = rows[optimizer.feasible[rows]]
+        best = rows[np.argsort(-optimizer.trials.objective[rows])][:10]
         weights = np.log(10.5) - np.log(np.arange(1, 11))
-        centre = weights / weights.sum() @ optimizer.space.to_unit(optimizer.trials.z[best])
-        smallest = optimizer.space.to_unit(optimizer.ask(8).z)[0]
-        np.testing.assert_allclose(smallest, centre, atol=0.05)
+        return weights / weights.sum() @ optimizer.space.to_unit(optimizer.trials.z[best])
+
+    @pytest.fixture
+    def centres(self, monkeypatch: pytest.MonkeyPatch) -> list[FloatArray]:
+        """Centres of the steps so far."""
+        used: list[FloatArray] = []
+
+        def watched(surrogate, metric, centre, *args):
+            used.append(centre)
+            return safe_steps(surrogate, metric, centre, *args)
+
+        monkeypatch.setattr("hdsafebo.optimizers.hdsafebo_local.safe_steps", watched)
+        return used
 
     def test_outcomes_are_normal_scores_with_noise(self) -> None:
         optimizer = self.optimizer()

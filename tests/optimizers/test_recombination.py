@@ -27,14 +27,19 @@ def test_weights_are_those_of_pycma() -> None:
     np.testing.assert_allclose(recombined(np.eye(10)), np.asarray(theirs)[:10], rtol=1e-6)
 
 
-def test_steps_are_of_every_size() -> None:
-    steps = safe_steps(surrogate(-1.0), METRIC, CENTRE, -2.0, 8, np.random.default_rng(1))
-    assert steps.shape == (8, 3)
-    lengths = np.linalg.norm(steps - CENTRE, axis=1)
-    assert lengths[0] < 0.02
-    assert lengths[-1] > 0.3
+@pytest.mark.parametrize(("least", "smallest"), [(0.0, 0.01), (0.3, 0.25), (0.9, 0.6)])
+def test_steps_are_of_every_size_from_the_least(least: float, smallest: float) -> None:
+    batches = [
+        safe_steps(surrogate(-1.0), METRIC, CENTRE, -2.0, 8, np.random.default_rng(seed), least)
+        for seed in range(40)
+    ]
+    steps = np.array(batches)
+    assert steps.shape == (40, 8, 3)
     assert steps.min() >= 0.0
     assert steps.max() <= 1.0
+    size = np.abs(steps[:, :, 2] - 0.5).mean(axis=0)  # in the direction that no model chooses in
+    share = size[0] / size[-1]
+    assert smallest < share < least + 0.35
 
 
 def test_steps_climb_and_reach_what_the_metric_hides() -> None:

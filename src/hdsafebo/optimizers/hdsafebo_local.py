@@ -80,6 +80,10 @@ class HdSafeBOLocalSettings(OptimizerSettings):
         steps: of an ascent.
         caution: by how much beta is lowered for each violation beyond the promised number of them, in a
             continuous space; 0 leaves it as it is.
+        parents_from: where features hide directions, the number of last trials whose best are the centre's
+            parents, so that old ones, best by luck, do not hold it back; None takes all trials.
+        least_step: there, least size of a random step in units of the largest that is believed safe. Small
+            ones win most often, by least: the parents become copies of each other.
         patience: single trials in a continuous space without gain after which a climb is over.
         jump_beta: of the safe set in which the next climb begins; None takes `beta`. A larger one finds more
             optima; first trials that `beta` alone would have refused are marked.
@@ -102,6 +106,8 @@ class HdSafeBOLocalSettings(OptimizerSettings):
     probe_max: float = Field(default=2e-2, gt=0)
     steps: int = Field(default=20, ge=1)
     caution: float = Field(default=3.0, ge=0)
+    parents_from: int | None = Field(default=None, ge=1)
+    least_step: float = Field(default=0.0, ge=0, le=1)
     patience: int = Field(default=8, ge=1)
     jump_beta: float | None = None
     regions: int = Field(default=4, ge=1)
@@ -148,7 +154,8 @@ class HdSafeBOLocal(Optimizer):
         climbers = self._exploit(centre, n)
         count = int(self.settings.exploit * n + self.rng.random())  # in the mean, the share of the batch
         if self.hides_directions:
-            explorers = safe_steps(self.surrogate, self.metric, centre, self.confidence, n - count, self.rng)
+            beta, least = self.confidence, self.settings.least_step
+            explorers = safe_steps(self.surrogate, self.metric, centre, beta, n - count, self.rng, least)
         else:
             predicted = self.surrogate.objective.predict_mean(self.metric.inputs(climbers))
             explorers = self._explore(climbers[predicted.argmax()], n - count)
@@ -206,11 +213,20 @@ class HdSafeBOLocal(Optimizer):
         return normal_scores(values) if self.hides_directions else values
 
     def _centre(self) -> FloatArray:
-        """(d,) the point of `centre_row`, or the mean of the best where features hide directions."""
-        parents = self._best_first(self.feasible & self.climb.owns(self.trials))[:_PARENTS]
-        if self.hides_directions and len(parents):
+        """(d,) the point of `centre_row`, or the mean of `_parents` where features hide directions."""
+        parents = self._parents() if self.hides_directions else _NONE
+        if len(parents):
             return recombined(np.clip(self.space.to_unit(self.trials.z[parents]), 0.0, 1.0))
         return np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
+
+    def _parents(self) -> IntArray:
+        """Rows of the best feasible of the last trials; of all, while there are few that were asked for."""
+        own = self.feasible & self.climb.owns(self.trials)
+        last = self.settings.parents_from
+        if last is not None and (~self.trials.initial).sum() >= last:
+            recent = own & (self.trials.id >= len(self.trials) - last)
+            own = recent if recent.sum() >= _PARENTS else own
+        return self._best_first(own)[:_PARENTS]
 
     def _probe(self, centre: FloatArray, n: int) -> FloatArray:
         """Points around the centre at radii spread evenly over orders of magnitude."""

@@ -17,6 +17,8 @@ from hdsafebo.surrogate import Surrogate
 _STEPS = 1600
 _STEP_SIZES = (0.003, 0.5)
 """Standard deviations of random steps per dimension, in widths of the box."""
+_LARGEST = 0.98
+"""Quantile of the sizes believed safe that counts as the largest of them."""
 
 
 def recombined(parents: FloatArray) -> FloatArray:
@@ -33,6 +35,7 @@ def safe_steps(
     beta: float,
     n: int,
     rng: np.random.Generator,
+    least: float = 0.0,
 ) -> FloatArray:
     """(m, d) random steps of every size that is believed safe, m at most n, the smallest first.
 
@@ -47,13 +50,16 @@ def safe_steps(
         beta: of the safe set.
         n: number of steps.
         rng: source of randomness.
+        least: size of a step, in units of the largest that is believed safe.
     """
     if n == 0:
         return np.empty((0, len(centre)))
-    deviation = np.geomspace(*_STEP_SIZES, _STEPS)[:, None]
-    steps = np.clip(centre + deviation * rng.standard_normal((_STEPS, len(centre))), 0.0, 1.0)
+    deviation = np.geomspace(*_STEP_SIZES, _STEPS)
+    steps = np.clip(centre + deviation[:, None] * rng.standard_normal((_STEPS, len(centre))), 0.0, 1.0)
     inputs = metric.inputs(steps)
     safe = np.flatnonzero(surrogate.believed_safe(inputs, beta))
+    if least > 0 and len(safe):
+        safe = safe[deviation[safe] >= least * np.quantile(deviation[safe], _LARGEST)]
     classes = [rows for rows in np.array_split(safe, n) if len(rows)]
     chosen = [rows[thompson_sample(surrogate.objective, inputs[rows], 1, rng)] for rows in classes]
     return steps[np.concatenate([safe[:0], *chosen])]
