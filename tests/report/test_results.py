@@ -11,7 +11,7 @@ from hdsafebo.report.methods import beta_of_ablation, by_family, order, style
 from hdsafebo.report.results import DIGITS, Results, Settings
 from hdsafebo.report.runs import read_runs
 from hdsafebo.report.sections.findings import same_trials_findings
-from hdsafebo.report.tables import metrics_table
+from hdsafebo.report.tables import comparison_table, metrics_table
 from report.run_files import trial_table, write_run
 
 
@@ -32,6 +32,17 @@ def test_comparison_is_the_same_both_ways_and_every_time(tmp_path: Path) -> None
     assert c == first.compare("toy", "cei", "scbo", "objective").reversed()
     assert c == again.compare("toy", "scbo", "cei", "objective")
     assert c.difference == pytest.approx(1.0)
+
+
+def test_our_methods_are_compared_in_either_space(tmp_path: Path) -> None:
+    methods = ["hdsafebo_local", "hdsafebo_local_original", "cmaes_original"]
+    for k, method in enumerate(methods):
+        runs(tmp_path, "toy", method, [1.0 + k, 2.0 + k])
+    table = comparison_table(load(tmp_path), "toy", methods).frame
+    assert sorted(set(table["method"])) == ["hdsafebo_local", "hdsafebo_local_original"]
+    row = table.set_index(["method", "against"]).loc[("hdsafebo_local_original", "cmaes_original")]
+    assert row["objective_advantage"] == pytest.approx(-1.0)
+    assert row["objective_pairs"] == 2
 
 
 def test_runs_that_found_nothing_safe_are_worse_and_counted(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
 )  # fmt: skip
 
-REFERENCES = ("hdsafebo", "hdsafebo_local")
 ORIGINAL = "_original"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from hdsafebo.report.formatting import interval, paper_text, signed, with_error
-from hdsafebo.report.methods import style
+from hdsafebo.report.methods import ORIGINAL, style
 from hdsafebo.report.metrics import METRIC_LABELS
 from hdsafebo.report.paper import paper_value
 from hdsafebo.report.results import Results
@@ -84,9 +84,9 @@ def metrics_table(results: Results, task: str, methods: list[str], caption: str,
 
 
 def comparison_table(results: Results, task: str, methods: list[str]) -> Table:
-    """Paired differences of this project's methods against every other method."""
+    """Paired differences of this project's methods, in either space, against every other method."""
     rows, records = [], []
-    for reference in (m for m in methods if style(m).family == "ours"):
+    for reference in (m for m in methods if style(m.removesuffix(ORIGINAL)).family == "ours"):
         for other in (m for m in methods if m != reference):
             cells = [Cell(style(reference).label), Cell(style(other).label)]
             record: dict[str, object] = {"task": task, "method": reference, "against": other}
