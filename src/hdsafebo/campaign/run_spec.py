@@ -23,7 +23,7 @@ from hdsafebo.problems.registry import family_of, task_module
 _BLOCKS = {"synthetic": (), "hand": ("hand",), "scs": ("spinal", "embeddings"), "digits": ("digits",)}
 # Modules that compute runs but no trial: a change of these leaves what was computed as it is.
 _INDIFFERENT_MODULES = {
-    "progress.py", "errors.py",
+    "progress.py", "errors.py", "files/atomic.py",
     "campaign/cluster.py", "campaign/errors.py", "pipeline/imports.py", "campaign/journal.py",
     "campaign/progress.py", "pipeline/provenance.py",
 }  # fmt: skip
