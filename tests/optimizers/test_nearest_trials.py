@@ -12,7 +12,7 @@ from hdsafebo import surrogate as surrogates
 from hdsafebo.errors import ParamsError
 from hdsafebo.kernel import exact_distances
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
-from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
+from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
 from hdsafebo.optimizers.registry import make_optimizer
 from hdsafebo.problem import Status
 from optimizers.toy import Halving, bowl, bowl_problem, observe_initial, rows_problem, run_rounds

@@ -8,7 +8,7 @@ import pytest
 
 from hdsafebo.errors import StateFileError
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
-from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
+from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
 from hdsafebo.optimizers.registry import load_optimizer
 from hdsafebo.problem import Status, Trials
 from optimizers.toy import Halving, bowl, bowl_problem, observe_initial, rows_problem, run_rounds

@@ -37,7 +37,7 @@ class Method:
 METHODS: dict[str, Method] = {
     "hdsafebo": Method("hdsafebo", "HdSafeBO"),
     "hdsafebo_literal": Method("hdsafebo", "HdSafeBO", {"unit": "box"}),
-    "hdsafebo_local": Method("hdsafebo_local", "HdSafeBOLocal"),
+    "hdsafebo_local": Method("local.optimizer", "HdSafeBOLocal"),
     # ablations of the paper (figures of its appendix): no local search, no optimism, other confidence
     "hdsafebo_global": Method("hdsafebo", "HdSafeBO", {"local": False}),
     "hdsafebo_pessimistic": Method("hdsafebo", "HdSafeBO", {"beta": -2.0}),

@@ -12,7 +12,6 @@ from hdsafebo.problem import FloatArray, Status, Trials
 from hdsafebo.session.definition import Definition
 from hdsafebo.session.methods import make_method
 from hdsafebo.session.search import Search
-from hdsafebo.session.shortlist import HdSafeBOShortlist
 from hdsafebo.session.state import Trial
 
 
@@ -23,6 +22,7 @@ def informed_optimiser(
     seed: int,
     trials: Sequence[Trial],
     before: Optimizer | None = None,
+    today: int = 0,
 ) -> Optimizer:
     """A new optimiser of a target that has observed all delivered trials with a record.
 
@@ -33,6 +33,7 @@ def informed_optimiser(
         seed: of the optimiser.
         trials: all trials of the session, in order.
         before: that of the target before; the codes it searched stay with their trials (see `realise`).
+        today: number of the present day.
 
     Raises:
         ParamsError: the method models no safety.
@@ -52,8 +53,7 @@ def informed_optimiser(
             codes=None if before is None else _codes_of(x, before.trials),
             initial=True,
         )
-    if isinstance(optimiser, HdSafeBOShortlist):
-        optimiser.days = np.array([t.day for t in known], np.int64)
+    optimiser.begin_day(today, np.array([t.day for t in known], np.int64))
     return optimiser
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.ascent import Metric
-from hdsafebo.optimizers.recombination import recombined, safe_steps
+from hdsafebo.optimizers.local.recombination import recombined, safe_steps
 from hdsafebo.surrogate import Surrogate, fit_surrogate
 
 METRIC = Metric(np.eye(3)[:2], np.zeros(2))

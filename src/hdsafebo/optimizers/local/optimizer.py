@@ -1,0 +1,75 @@
+"""HdSafeBO in a neighbourhood whose size the fitted model decides; see the package for its searches."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from hdsafebo.errors import ParamsError
+from hdsafebo.optimizers.base import Proposal
+from hdsafebo.optimizers.feature_metric import kernel_metric
+from hdsafebo.optimizers.local.ascents import AscentSearch
+from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
+from hdsafebo.optimizers.local.hidden import HiddenSearch
+from hdsafebo.optimizers.local.restarts import Restarts
+from hdsafebo.optimizers.local.rows import RowSearch
+from hdsafebo.optimizers.local.settings import HdSafeBOLocalSettings, RestartSettings
+from hdsafebo.problem import Trials
+
+
+class HdSafeBOLocal(SearchingOptimizer):
+    """Local variant of HdSafeBO.
+
+    Raises:
+        ParamsError: settings are given for a part that this problem does not use, besides what `Optimizer`
+            raises.
+    """
+
+    name = "hdsafebo_local"
+    Settings = HdSafeBOLocalSettings
+    settings: HdSafeBOLocalSettings
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        if self.problem.candidates is not None and self.settings.restarts is not None:
+            raise ParamsError(
+                f"method {self.name!r}: setting 'restarts' is of continuous spaces; "
+                f"{self.problem.name!r} has a finite candidate set"
+            )
+        self._restarts: Restarts | None = None
+
+    def make_search(self) -> LocalSearch:
+        """The one that suits the problem and the searched space."""
+        if self.problem.candidates is not None:
+            return RowSearch(self)
+        metric = kernel_metric(self.problem, self.embedding, self.space)
+        search = HiddenSearch(self, metric) if metric.hides_directions else AscentSearch(self, metric)
+        self._restarts = Restarts(search, self.settings.restarts or RestartSettings())
+        return search
+
+    def propose(self, n: int) -> Proposal:
+        """What the search proposes; a single trial may begin the next climb instead."""
+        search = self.search
+        if n == 1 and self._restarts is not None and (first := self._restarts.first_of_next()) is not None:
+            return first
+        return search.propose(n)
+
+    def finish_round(self, trials: Trials) -> None:
+        """The search and its restarts learn."""
+        if self._restarts is not None:
+            self._restarts.finish_round(trials)
+        super().finish_round(trials)
+
+    def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Of the search, and of its restarts."""
+        state, arrays = super().method_state()
+        return state | ({} if self._restarts is None else self._restarts.state()), arrays
+
+    def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        """Take back what `method_state` gave."""
+        super().restore_method_state(state, arrays)
+        if self._search is None:
+            self._restarts = None
+        elif self._restarts is not None:
+            self._restarts.restore(state)
