@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from hdsafebo.optimizers.hdsafebo import HdSafeBO
     from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
     from hdsafebo.optimizers.registry import make_optimizer
-    from hdsafebo.problem import Evaluation, FunctionProblem, Problem, Safety, Status, Trials
+    from hdsafebo.problem import FunctionProblem, Problem, Safety
+    from hdsafebo.trials import Evaluation, Status, Trials
 
 __all__ = [
     "Evaluation",

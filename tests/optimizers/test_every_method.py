@@ -10,7 +10,9 @@ import pytest
 from hdsafebo.errors import NoSafePointError, ParamsError, ProblemError, TrialError
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.optimizers.registry import METHODS, load_optimizer, make_optimizer
-from hdsafebo.problem import FloatArray, FunctionProblem, Safety, Status, Trials
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import FloatArray
 from optimizers.toy import Halving, bowl_problem, observe_initial, rows_problem
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
@@ -67,7 +69,7 @@ def advance(optimizer: Optimizer, n: int, rounds: int = 1) -> Trials:
 
 def make(name: str, problem: FunctionProblem, *, seed: int = 0, initial: int = 12, **more) -> Optimizer:
     """A method with its initial data, from outside or its own."""
-    optimizer = make_optimizer(name, problem, seed=seed, **SMALL.get(METHODS[name].module, {}), **more)
+    optimizer = make_optimizer(name, problem, seed=seed, **SMALL.get(METHODS[name].module.rpartition(".")[2], {}), **more)
     if getattr(optimizer, "uses_initial_data", True):
         observe_initial(optimizer, initial)
     else:

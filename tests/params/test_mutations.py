@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from hdsafebo.cli import main
 from hdsafebo.errors import ParamsError
-from hdsafebo.params import load_params, parse_params
+from hdsafebo.pipeline.checked_params import load_checked_params, parse_checked_params
 
 ROOT = Path(__file__).parents[2]
 STANDARD = yaml.safe_load((ROOT / "profiles" / "standard.yaml").read_text())
@@ -97,10 +97,11 @@ def dumped(data: Any) -> str:
 
 
 def names_the_edit(message: str, edit: Edit) -> bool:
-    """The key, or the block that it is in: a rule over several keys is reported by its block."""
+    """The key, its block, or a key of what was put in: a rule over several keys is reported by its block."""
     _, place, value = edit
     keys = [key for key in place if isinstance(key, str)]
-    return any(key in message for key in [*keys[-2:], str(value)])
+    within = [repr(key) for key in value] if isinstance(value, dict) else []
+    return any(key in message for key in [*keys[-2:], str(value), *within])
 
 
 def check(path: Path, text: str, edits: list[Edit], *, through_file: bool) -> bool:
@@ -108,9 +109,9 @@ def check(path: Path, text: str, edits: list[Edit], *, through_file: bool) -> bo
     try:
         if through_file:
             path.write_text(text, encoding="utf-8")
-            params = load_params(path)
+            params = load_checked_params(path)
         else:  # the same reading, but for the time that PyYAML's own parser takes
-            params = parse_params(yaml.load(text, yaml.CSafeLoader), source=str(path))
+            params = parse_checked_params(yaml.load(text, yaml.CSafeLoader), source=str(path))
     except ParamsError as error:
         message = str(error)
         assert message.startswith(str(path))
@@ -118,7 +119,7 @@ def check(path: Path, text: str, edits: list[Edit], *, through_file: bool) -> bo
         assert len(edits) != 1 or names_the_edit(message, edits[0]), message
         return False
     plain = params.model_dump(mode="json")
-    assert parse_params(yaml.load(dumped(plain), yaml.CSafeLoader)) == params
+    assert parse_checked_params(yaml.load(dumped(plain), yaml.CSafeLoader)) == params
     return True
 
 

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 import hdsafebo
-from hdsafebo.campaign.imports import used_modules
-from hdsafebo.campaign.provenance import digest_file, digest_paths
 from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.registry import method_module
 from hdsafebo.params import Budget, Params, parse_params
+from hdsafebo.params.base import MethodSettings
+from hdsafebo.pipeline.imports import used_modules
+from hdsafebo.pipeline.provenance import digest_file, digest_paths
 from hdsafebo.problems.registry import family_of, task_module
 
 # Blocks of params.yaml that a family of tasks reads, beside its own block under `tasks`.
@@ -24,8 +25,8 @@ _BLOCKS = {"synthetic": (), "hand": ("hand",), "scs": ("spinal", "embeddings"), 
 # Modules that compute runs but no trial: a change of these leaves what was computed as it is.
 _INDIFFERENT_MODULES = {
     "progress.py", "errors.py",
-    "campaign/cluster.py", "campaign/errors.py", "campaign/imports.py", "campaign/journal.py",
-    "campaign/progress.py", "campaign/provenance.py",
+    "campaign/cluster.py", "campaign/errors.py", "pipeline/imports.py", "campaign/journal.py",
+    "campaign/progress.py", "pipeline/provenance.py",
 }  # fmt: skip
 _LIBRARIES = ("numpy", "scipy", "torch", "gpytorch", "botorch", "scikit-learn", "mujoco", "numba", "cma")
 _INITIAL_STREAM, _METHOD_STREAM = 1, 2
@@ -88,6 +89,12 @@ def budget_of(params: Params, task: str) -> Budget:
     return budget
 
 
+def settings_of(params: Params, task: str, method: str) -> MethodSettings:
+    """Settings of a method on a task: those on all tasks, and those of the task's family."""
+    family = getattr(params.tasks, family_of(task))
+    return params.methods[method] | family.settings.get(method, {})
+
+
 def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[str, Any]:
     """Everything that determines the trials of a run, as plain data.
 
@@ -117,7 +124,7 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
         "trials": budget.trials,
         "batch": budget.batch,
         "problem": plain["tasks"][family_of(spec.task)]["problem"],
-        "settings": plain["methods"][spec.method],
+        "settings": settings_of(params, spec.task, spec.method),
         "blocks": {name: plain[name] for name in _BLOCKS[family_of(spec.task)]},
         "inputs": files,
         "code": _code_digest(family_of(spec.task), spec.method),

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from hdsafebo.gp.safe_set import beta_of
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.caution import Caution
 from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
 from hdsafebo.problem import FunctionProblem, Safety
-from hdsafebo.safe_set import beta_of
 from optimizers.toy import Halving, bowl_problem, observe_initial
 
 

@@ -8,7 +8,7 @@ from scipy.special import ndtri
 from hdsafebo.optimizers.local.hidden import HiddenSearch
 from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
 from hdsafebo.optimizers.local.recombination import safe_steps
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 from optimizers.toy import bowl_problem, observe_initial, run_rounds
 
 

@@ -4,9 +4,9 @@ import cma
 import numpy as np
 import pytest
 
-from hdsafebo.ascent import Metric
+from hdsafebo.gp.surrogate import Surrogate, fit_surrogate
 from hdsafebo.optimizers.local.recombination import recombined, safe_steps
-from hdsafebo.surrogate import Surrogate, fit_surrogate
+from hdsafebo.search.ascent import Metric
 
 METRIC = Metric(np.eye(3)[:2], np.zeros(2))
 CENTRE = np.full(3, 0.5)

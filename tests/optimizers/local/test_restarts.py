@@ -7,14 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hdsafebo.ascent import Metric
 from hdsafebo.errors import ParamsError
+from hdsafebo.gp.surrogate import fit_surrogate
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.base import gain
 from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
 from hdsafebo.optimizers.local.restarts import Restarts, jump
-from hdsafebo.problem import FloatArray, FunctionProblem, Safety, Trials
-from hdsafebo.surrogate import fit_surrogate
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.search.ascent import Metric
+from hdsafebo.trials import Trials
+from hdsafebo.typing import FloatArray
 from optimizers.toy import Halving, bowl_problem, observe_initial, rows_problem, run_rounds
 
 

@@ -18,14 +18,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.ascent import Metric, ValueAndGradient, ascend
+from hdsafebo.gp.sampling import SamplePaths
 from hdsafebo.optimizers.base import Optimizer, Proposal
-from hdsafebo.optimizers.empty_set import complete_batch
+from hdsafebo.optimizers.core.empty_set import complete_batch
 from hdsafebo.optimizers.local.base import RegionSearch
 from hdsafebo.optimizers.local.caution import Caution
-from hdsafebo.problem import FloatArray, Trials
-from hdsafebo.sampling import SamplePaths
-from hdsafebo.trust_region import TrustRegionRule
+from hdsafebo.search.ascent import Metric, ValueAndGradient, ascend
+from hdsafebo.search.region import TrustRegionRule
+from hdsafebo.trials import Trials
+from hdsafebo.typing import FloatArray
 
 STEPS = 20
 """Of an ascent."""

@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.gp_fit import NoisePrior
+from hdsafebo.gp.fit import NoisePrior
+from hdsafebo.gp.surrogate import Surrogate
 from hdsafebo.optimizers.base import Optimizer, Proposal
-from hdsafebo.problem import FloatArray, IntArray, Trials
-from hdsafebo.surrogate import Surrogate
-from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
-
-_IMPROVEMENT = 1e-3
-"""A gain is more than this share of the best's size, as in TuRBO."""
+from hdsafebo.search.region import IMPROVEMENT, TrustRegion, TrustRegionRule, safe_update
+from hdsafebo.trials import Trials
+from hdsafebo.typing import FloatArray, IntArray
 
 
 class LocalSearch(ABC):
@@ -59,15 +57,6 @@ class LocalSearch(ABC):
     def centre_row(self) -> int | None:
         """Row of the trial to search around; None takes Algorithm 1's x*."""
         return None
-
-    def begin_day(  # noqa: B027 (a search may know of no drift)
-        self, day: int, earlier: IntArray | None = None
-    ) -> None:
-        """See `Optimizer.begin_day`."""
-
-    def in_units(self, mean: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `Optimizer.in_units`."""
-        return mean, deviation
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """What is remembered beyond trials, generator and fits: plain data, and arrays by name."""
@@ -212,14 +201,6 @@ class SearchingOptimizer(Optimizer):
         """As the search says."""
         return self.search.refines()
 
-    def begin_day(self, day: int, earlier: IntArray | None = None) -> None:
-        """The search is told."""
-        self.search.begin_day(day, earlier)
-
-    def in_units(self, mean: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As the search says."""
-        return self.search.in_units(mean, deviation)
-
     def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """That of the search; nothing while there is none."""
         return ({}, {}) if self._search is None else self._search.state()
@@ -247,4 +228,4 @@ def gain(trials: Trials, among: NDArray[np.bool_], fresh: IntArray) -> tuple[boo
         return False, False
     if not np.isfinite(before):
         return True, True
-    return bool(best > before), bool(best > before + _IMPROVEMENT * abs(before))
+    return bool(best > before), bool(best > before + IMPROVEMENT * abs(before))

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hdsafebo.safe_set import alpha_of
+from hdsafebo.gp.safe_set import alpha_of
 
 _CREDIT = 1.0
 """Violations that safe trials can earn in advance; with one, what beta promises changes nothing."""

@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdsafebo.ascent import Metric
-from hdsafebo.gp_fit import NoisePrior
+from hdsafebo.gp.fit import NoisePrior
+from hdsafebo.gp.outcomes import normal_scores
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.local.ascents import EXPLOIT, AscentSearch
 from hdsafebo.optimizers.local.recombination import recombined, safe_steps
-from hdsafebo.outcomes import normal_scores
-from hdsafebo.problem import FloatArray, IntArray
+from hdsafebo.search.ascent import Metric
+from hdsafebo.typing import FloatArray, IntArray
 
 _PARENTS = 10
 """Trials whose mean is the centre."""

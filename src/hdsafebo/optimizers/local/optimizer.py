@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.base import Proposal
-from hdsafebo.optimizers.feature_metric import kernel_metric
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.hidden import HiddenSearch
 from hdsafebo.optimizers.local.restarts import Restarts
 from hdsafebo.optimizers.local.rows import RowSearch
 from hdsafebo.optimizers.local.settings import HdSafeBOLocalSettings, RestartSettings
-from hdsafebo.problem import Trials
+from hdsafebo.search.metric import kernel_metric
+from hdsafebo.trials import Trials
 
 
 class HdSafeBOLocal(SearchingOptimizer):

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdsafebo.ascent import Metric
-from hdsafebo.problem import FloatArray
-from hdsafebo.sampling import thompson_sample
-from hdsafebo.surrogate import Surrogate
+from hdsafebo.gp.sampling import thompson_sample
+from hdsafebo.gp.surrogate import Surrogate
+from hdsafebo.search.metric import Metric
+from hdsafebo.typing import FloatArray
 
 _STEPS = 1600
 _STEP_SIZES = (0.003, 0.5)

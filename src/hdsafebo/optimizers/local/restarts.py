@@ -13,16 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from hdsafebo.ascent import Metric, ascend
-from hdsafebo.kernel import fast_distances
+from hdsafebo.gp.kernel import fast_distances
+from hdsafebo.gp.sampling import SamplePaths
+from hdsafebo.gp.surrogate import Surrogate
 from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.local.ascents import STEPS, AscentSearch
 from hdsafebo.optimizers.local.base import gain
 from hdsafebo.optimizers.local.settings import RestartSettings
-from hdsafebo.problem import FloatArray, Status, Trials
-from hdsafebo.sampling import SamplePaths
-from hdsafebo.surrogate import Surrogate
-from hdsafebo.trust_region import TrustRegion
+from hdsafebo.search.ascent import Metric, ascend
+from hdsafebo.search.region import TrustRegion
+from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import FloatArray
 
 _APART = 0.5
 """A jump ends at least so many length scales of the objective from every earlier top."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdsafebo.kernel import fast_distances
-from hdsafebo.problem import FloatArray, IntArray
+from hdsafebo.gp.kernel import fast_distances
+from hdsafebo.typing import FloatArray, IntArray
 
 
 def separate_centres(best: FloatArray, others: FloatArray, apart: float, most: int) -> FloatArray:

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from hdsafebo.gp.sampling import thompson_sample
 from hdsafebo.optimizers.base import Optimizer, Proposal
-from hdsafebo.optimizers.empty_set import complete_batch
+from hdsafebo.optimizers.core.empty_set import complete_batch
 from hdsafebo.optimizers.local.base import CENTRES, RegionSearch
 from hdsafebo.optimizers.local.row_regions import rows_near, separate_centres
-from hdsafebo.problem import FloatArray, Trials
-from hdsafebo.sampling import thompson_sample
-from hdsafebo.trust_region import TrustRegionRule
+from hdsafebo.search.region import TrustRegionRule
+from hdsafebo.trials import Trials
+from hdsafebo.typing import FloatArray
 
 _REGIONS = 4
 """The most trust regions at a time; they share the rows equally."""
