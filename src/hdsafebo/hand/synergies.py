@@ -14,9 +14,9 @@ from safetensors.numpy import save_file
 
 from hdsafebo.errors import DatasetError, HandModelError
 from hdsafebo.files.atomic import write_json
-from hdsafebo.hand.model import HandModel
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.rollout import Scene
+from hdsafebo.hand.scene.model import HandModel
 
 FloatArray = NDArray[np.float64]
 INDEX_COLUMNS = ("episode", "step")
