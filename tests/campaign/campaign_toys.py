@@ -143,7 +143,11 @@ def toy_params(
             "scs": nothing | {"tasks": []},
             "digits": nothing | {"tasks": []},
         },
-        "methods": {"toy": settings, "lonely": settings},
+        "methods": {
+            "toy": settings,
+            "lonely": settings,
+            "toy_inputs": {"algorithm": "toy", "space": "original"} | settings,
+        },
         "tracking": {"enabled": False},
     }
 
