@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import parse_mapping
 from hdsafebo.pipeline.provenance import digest_paths, git_state, stage_dependencies
 from hdsafebo.pipeline.tracking import Tracker, default_uri, flatten, track_stage
 
@@ -235,9 +236,9 @@ def test_provenance_follows_contents(project: Path) -> None:
 
 
 def test_dependencies_of_a_matrix_item() -> None:
-    import yaml
-
-    found = stage_dependencies(yaml.safe_load(DVC_FILE), "optimize", {"task": "hand", "method": "sobol"})
+    found = stage_dependencies(
+        parse_mapping(DVC_FILE, "dvc.yaml", ParamsError), "optimize", {"task": "hand", "method": "sobol"}
+    )
     assert found == ["params-free.txt", "data/hand.csv"]
     assert stage_dependencies({}, "optimize", {}) == []
 

@@ -17,9 +17,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import read_mapping
 from hdsafebo.pipeline.provenance import digest_json, digest_paths, git_state, stage_dependencies
 
 if TYPE_CHECKING:
@@ -194,8 +193,8 @@ class Tracker:
         """Tags by which runs are found again; identifiers of runs never enter a file of the pipeline."""
         state = git_state(self.root)
         dvc_file = self.root / "dvc.yaml"
-        parsed = yaml.safe_load(dvc_file.read_text(encoding="utf-8")) if dvc_file.exists() else {}
-        dependencies = [self.root / p for p in stage_dependencies(parsed or {}, self.stage, self._item)]
+        parsed = read_mapping(dvc_file, ParamsError) if dvc_file.exists() else {}
+        dependencies = [self.root / p for p in stage_dependencies(parsed, self.stage, self._item)]
         return self._item | {
             "stage": self.stage,
             "git_revision": state[0] if state else "none",
