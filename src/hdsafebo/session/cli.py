@@ -7,7 +7,7 @@ import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hdsafebo.session.stream_option import add_stream_options, asked_values, recorded_stream
+from hdsafebo.session.stream_option import ASK, add_stream_options, asked_values, recorded_stream
 
 if TYPE_CHECKING:
     from hdsafebo.session.log.state import Trial
@@ -55,7 +55,10 @@ def add_parser(subparsers: Any) -> None:
 
     record = command("record", _record, "record what came back from the running trial")
     record.add_argument(
-        "values", nargs="*", metavar="NAME=VALUE", help="scores, or outcomes and safety values"
+        "values",
+        nargs="+",
+        metavar="NAME=VALUE",
+        help=f"scores, or outcomes and safety values; `{ASK}` asks for those that are not given",
     )
     record.add_argument("--recording", type=Path, help="EMG recording, CSV, EDF or BDF")
     add_stream_options(record)
@@ -193,7 +196,7 @@ def _record(arguments: argparse.Namespace) -> None:
 
     session = _open(arguments)
     values: dict[str, float] = {}
-    for word in arguments.values:
+    for word in (word for word in arguments.values if word != ASK):
         name, equals, number = word.partition("=")
         try:
             values[name] = float(number)
@@ -203,7 +206,8 @@ def _record(arguments: argparse.Namespace) -> None:
             raise RecordingError(f"{word!r}: expected NAME=VALUE")
     path = arguments.recording
     if arguments.stream is not None:
-        path = recorded_stream(session, arguments)
+        path = recorded_stream(session, arguments, values)
+    if ASK in arguments.values:
         values = asked_values(session, values, path)
     recording = None if path is None else (read_bounded(path, MAX_BYTES, RecordingError), path.name)
     trial = session.record(arguments.who, Report(recording, values), arguments.trial, remark=arguments.remark)

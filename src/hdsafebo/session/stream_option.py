@@ -12,6 +12,7 @@ from hdsafebo.session.words import parse_number
 if TYPE_CHECKING:
     from hdsafebo.session.session import Session
 
+ASK = "ask"  # instead of values: a score is known when the trial is over
 _DEFAULT_S = 2.0
 
 
@@ -20,7 +21,7 @@ def add_stream_options(record: argparse.ArgumentParser) -> None:
     record.add_argument(
         "--stream",
         help="name of a Lab Streaming Layer stream to record instead of a file; the recording is kept as "
-        "trialNUMBER.csv in this folder, and values that are not given are asked for afterwards",
+        "trialNUMBER.csv in this folder",
     )
     record.add_argument(
         "--seconds",
@@ -31,11 +32,17 @@ def add_stream_options(record: argparse.ArgumentParser) -> None:
     record.add_argument("--markers", help="name of a stream of markers, which become annotations")
 
 
-def recorded_stream(session: Session, arguments: argparse.Namespace) -> Path:
+def recorded_stream(session: Session, arguments: argparse.Namespace, values: dict[str, float]) -> Path:
     """Record the running trial from the stream; returns the file, which stays whatever becomes of the record.
 
+    Args:
+        session: with a running trial.
+        arguments: of the command line.
+        values: that were given.
+
     Raises:
-        SessionError: nothing is to be recorded, the file exists, or the stream is not as it should be.
+        SessionError: nothing is to be recorded, a value is missing, the file exists, or the stream is not as
+            it should be.
     """
     from hdsafebo.session.definition import StimulationDefinition
     from hdsafebo.session.measuring.live import record_stream
@@ -47,6 +54,9 @@ def recorded_stream(session: Session, arguments: argparse.Namespace) -> Path:
         raise SessionError("--stream and --recording: expected one of them")
     if running is None or arguments.trial not in (None, running.number):
         raise SessionError("--stream: that trial is not running: approve a suggestion or start one first")
+    missing = [name for name in session.space.entries if name not in values]
+    if missing and ASK not in arguments.values:
+        raise SessionError(f"{', '.join(missing)} missing: expected NAME=VALUE, or `{ASK}` to be asked later")
     path = Path(f"trial{running.number}.csv")
     if path.exists():
         raise SessionError(f"{path} exists already: record it with --recording, or move it away")
@@ -67,8 +77,13 @@ def recorded_stream(session: Session, arguments: argparse.Namespace) -> Path:
     return path
 
 
-def asked_values(session: Session, given: dict[str, float], recording: Path) -> dict[str, float]:
+def asked_values(session: Session, given: dict[str, float], recording: Path | None) -> dict[str, float]:
     """The values that were given, and those that the person enters now.
+
+    Args:
+        session: whose values are asked for.
+        given: values by name.
+        recording: of the trial, if there is one; nobody has lost it when nobody answers.
 
     Raises:
         RecordingError: nobody answers.
@@ -79,9 +94,8 @@ def asked_values(session: Session, given: dict[str, float], recording: Path) -> 
             try:
                 text = input(f"{name}: ")
             except EOFError:
-                raise RecordingError(
-                    f"{name} is missing: record it with --recording {recording} {name}=VALUE"
-                ) from None
+                kept = "" if recording is None else f"--recording {recording} "
+                raise RecordingError(f"{name} is missing: record it with {kept}{name}=VALUE") from None
             number = parse_number(text.strip())
             if number is None:
                 print(f"{text!r} is no number")

@@ -1,16 +1,18 @@
-"""Peak memory of reading one file, measured in a process of its own.
+"""Peak memory of reading files, each in a process of its own.
 
-    python -m tests.session.measuring.memory recording|table|initial|candidates FILE
+    python -m tests.session.measuring.memory SMALL FILE KIND FILE KIND ...
 
-prints by how many bytes the peak rose over that of the same process with everything imported, after it has read a
-small file of the same kind, and what was said about the file.
+prints for every FILE by how many bytes reading it raised the peak over the size that the process had after
+reading SMALL (of the first kind), and what was said. Processes are forked: the program is imported once.
 """
 
 from __future__ import annotations
 
 import gc
 import json
+import os
 import sys
+import time
 from pathlib import Path
 
 from hdsafebo.session.advice.setup import make_search, make_space
@@ -27,7 +29,9 @@ def read(kind: str, path: Path) -> None:
     """What a session does with a file that is handed in."""
     content = path.read_bytes()
     if kind == "recording":
-        definition = parse_definition(small_definition())
+        data = small_definition()
+        data["emg"]["ignored_channels"] = ["AUX"]
+        definition = parse_definition(data)
         assert isinstance(definition, StimulationDefinition)
         recording = read_recording(content, path.name, definition.emg)
         activation(recording, definition.emg)
@@ -44,23 +48,31 @@ def peak() -> int:
     return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
-def main() -> None:
-    """See the module."""
-    kind, small, path = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
-    said = ""
-    try:
-        read(kind, small)
-    except SessionError as error:
-        said = str(error)
-    gc.collect()
-    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew at the present size
-    before = peak()
+def answered(kind: str, path: Path) -> str:
+    """What is said about a file."""
     try:
         read(kind, path)
-        said = "read"
     except SessionError as error:
-        said = str(error)
-    print(json.dumps({"bytes": peak() - before, "said": said}))
+        return str(error)
+    return "read"
+
+
+def main() -> None:
+    """See the module."""
+    small, *rest = sys.argv[1:]
+    files = list(zip(map(Path, rest[::2]), rest[1::2], strict=True))
+    answered(files[0][1], Path(small))
+    gc.collect()
+    for path, kind in files:
+        child = os.fork()
+        if child == 0:
+            Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew at the present size
+            before, start = peak(), time.process_time()
+            said = answered(kind, path)
+            result = {"bytes": peak() - before, "seconds": time.process_time() - start, "said": said}
+            print(json.dumps({"name": path.stem} | result), flush=True)
+            os._exit(0)
+        assert os.waitpid(child, 0)[1] == 0, path
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ import numpy as np
 
 from hdsafebo.session.errors import RecordingError
 from hdsafebo.session.measuring.recording import (
+    MAX_CHANNELS,
     MAX_VALUES,
     MICROVOLTS,
     Annotation,
@@ -113,6 +114,8 @@ def _layout(content: bytes, name: str) -> _Layout:
         raise RecordingError(f"{name}: no header line, {_EXPECTED}")
     delimiter = max(_DELIMITERS, key=lambda d: len(_cells(text, d)))
     header = [_name_and_unit(cell) for cell in _cells(text, delimiter)]
+    if len(header) > MAX_CHANNELS:
+        raise RecordingError(f"{name}: {len(header)} columns, expected at most {MAX_CHANNELS}")
     times = [i for i, (cell, _) in enumerate(header) if _TIME.fullmatch(cell)]
     if len(times) != 1 or len(header) < 2:
         raise RecordingError(f"{name}, line {line}: header is {text[:80]!r}, {_EXPECTED}")

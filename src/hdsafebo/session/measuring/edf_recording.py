@@ -18,7 +18,7 @@ import numpy as np
 from hdsafebo.session.errors import RecordingError
 from hdsafebo.session.measuring.csv_recording import LABELS
 from hdsafebo.session.measuring.edf_annotations import read_time_stamps
-from hdsafebo.session.measuring.recording import MAX_VALUES, Channel, Recording
+from hdsafebo.session.measuring.recording import MAX_CHANNELS, MAX_VALUES, Channel, Recording
 
 if TYPE_CHECKING:
     from edfio import Bdf, BdfSignal, Edf, EdfSignal
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 _FIXED, _PER_SIGNAL = 256, 256  # bytes of the header
 _LABEL_BYTES, _COUNT_BYTES = 16, 8
 _COUNTS_AT = 216  # bytes per signal of the header fields before the samples per record
-_MAX_SIGNALS = 512
 _MAX_RECORDS = 100_000
 _WHOLE = re.compile(rb"\s*[+-]?\d+\s*")
 _DECIMAL = re.compile(rb"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*")
@@ -116,8 +115,8 @@ def _layout(content: bytes, name: str) -> _Layout:
         raise RecordingError(f"{name}: {len(content)} bytes, expected a header of {_FIXED}")
     records = _whole(content[236:244], "number of data records", name)
     signals = _whole(content[252:256], "number of signals", name)
-    if not 1 <= signals <= _MAX_SIGNALS:
-        raise RecordingError(f"{name}: {signals} signals, expected 1 to {_MAX_SIGNALS}")
+    if not 1 <= signals <= MAX_CHANNELS:
+        raise RecordingError(f"{name}: {signals} signals, expected 1 to {MAX_CHANNELS}")
     if len(content) < _FIXED + _PER_SIGNAL * signals:
         raise RecordingError(f"{name}: ends within its header")
     labels = [_text(f) for f in _fields(content, 0, _LABEL_BYTES, signals)]

@@ -12,7 +12,8 @@ from hdsafebo.session.errors import RecordingError
 from hdsafebo.typing import FloatArray
 
 MAX_BYTES = 32 * 2**20  # of a file
-MAX_VALUES = MAX_BYTES // 8  # of the channels that are read: as numbers they are no larger than that file
+MAX_VALUES = 3_000_000  # of the channels that are read: as numbers they are smaller than that file
+MAX_CHANNELS = 512
 MICROVOLTS = "uV"
 # "µV" is written with the micro sign or with the Greek letter; NFKC makes the letter of both. The words are
 # those of Lab Streaming Layer.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import csv
 import io
+import itertools
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -26,7 +27,10 @@ MAX_BYTES = 64 * 2**20
 MAX_CELLS = 4_000_000
 MAX_ROWS = 2**18
 _MAX_COLUMNS = 10_000
+_MAX_LINES = 4 * MAX_ROWS  # empty ones among them
+_MAX_LINE = 2**20  # characters
 _CHUNK = 2**16  # cells that are kept as Python's texts, each some ten times as large as in the file
+_CHUNK_LETTERS = 2**20
 
 
 @dataclass(frozen=True)
@@ -140,8 +144,9 @@ def _read_csv(content: bytes, name: str) -> Table:
     columns: list[str] = []
     pieces: list[list[pa.Array]] = []
     waiting: list[list[str]] = []
+    letters = 0
     try:
-        for line, row in _rows(content):
+        for line, row in _rows(content, name):
             if not columns:
                 columns = [c.strip() for c in row]
                 _check_header(columns, name)
@@ -151,9 +156,10 @@ def _read_csv(content: bytes, name: str) -> Table:
             lines.append(line)
             _check_size(len(lines), len(columns), name)
             waiting.append(row)
-            if len(waiting) * len(columns) >= _CHUNK:
+            letters += sum(map(len, row))
+            if len(waiting) * len(columns) >= _CHUNK or letters >= _CHUNK_LETTERS:
                 pieces.append(_columns(waiting, len(columns)))
-                waiting = []
+                waiting, letters = [], 0
     except (UnicodeDecodeError, csv.Error) as error:
         raise RecordingError(f"{name}: no CSV file: {error}") from None
     if not columns:
@@ -162,22 +168,30 @@ def _read_csv(content: bytes, name: str) -> Table:
     return Table(name, columns, _joined(pieces), lines)
 
 
-def _rows(content: bytes) -> Iterator[tuple[int, list[str]]]:
+def _rows(content: bytes, name: str) -> Iterator[tuple[int, list[str]]]:
     """Every row that is not empty, after the comments, with the number of its last line."""
-    text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="")
-    comments = 0
-    first = text.readline()
+    lines = _lines(content, name)
+    comments, first = 0, next(lines, "")
     while first.startswith("#"):
-        comments, first = comments + 1, text.readline()
-
-    def rest() -> Iterator[str]:
-        yield first
-        yield from text
-
-    reader = csv.reader(rest(), strict=True)
+        comments, first = comments + 1, next(lines, "")
+    reader = csv.reader(itertools.chain([first], lines), strict=True)
     for row in reader:
         if any(cell.strip() for cell in row):
             yield comments + reader.line_num, row
+
+
+def _lines(content: bytes, name: str) -> Iterator[str]:
+    """The lines of a text file; RecordingError when one is longer, or more of them, than a table has."""
+    text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="")
+    for number in itertools.count(1):
+        line = text.readline(_MAX_LINE + 1)
+        if not line:
+            return
+        if len(line) > _MAX_LINE:
+            raise RecordingError(f"{name}, line {number}: more than {_MAX_LINE} characters")
+        if number > _MAX_LINES:
+            raise RecordingError(f"{name}: more than {_MAX_LINES} lines")
+        yield line
 
 
 def _columns(rows: list[list[str]], width: int) -> list[pa.Array]:
