@@ -26,7 +26,6 @@ from hdsafebo.session.files import stored_files
 from hdsafebo.session.log.chain import Entry
 from hdsafebo.session.log.state import Point, State, Suggestion, Trial
 from hdsafebo.session.log.store import Act, Clock, MovedOnError, Store, utc_now
-from hdsafebo.session.measuring.recording import same_recording
 from hdsafebo.session.spaces.space import Report
 from hdsafebo.session.words import checked_name, checked_text
 
@@ -324,9 +323,10 @@ class Session:
         trial = self.state.trials[payload["trial"] - 1]
         if trial.status != "running":
             same = all(
-                getattr(trial, key) == payload[key] for key in ("outcomes", "safety", "failure", "delivered")
+                getattr(trial, key) == payload[key]
+                for key in ("outcomes", "safety", "details", "failure", "delivered")
             )
-            if same and _same_details(trial.details, payload["details"]):
+            if same:
                 return trial
             raise ProtocolError(f"trial {trial.number} has another record already, which stays")
         self._require_new_recording(payload)
@@ -338,8 +338,7 @@ class Session:
         if recording is None:
             return
         for trial in self.state.trials:
-            known = trial.details.get("recording")
-            if known is not None and same_recording(known, recording):
+            if trial.details.get("recording", {}).get("sha256") == recording["sha256"]:
                 raise RecordingError(
                     f"{recording['name']}: this recording belongs to trial {trial.number} already"
                 )
@@ -396,12 +395,3 @@ class Session:
         trial = self.state.running
         assert trial is not None
         return trial
-
-
-def _same_details(known: dict[str, Any], new: dict[str, Any]) -> bool:
-    """Whether the details of two records agree; a recording is the same whatever its file is called."""
-    first, second = dict(known), dict(new)
-    recordings = [details.pop("recording", None) for details in (first, second)]
-    if None in recordings:
-        return first == second and recordings == [None, None]
-    return first == second and same_recording(*recordings)

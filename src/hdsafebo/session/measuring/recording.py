@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from hdsafebo.session.errors import RecordingError
@@ -120,17 +120,6 @@ def content_digest(channels: Sequence[Channel]) -> str:
         digest.update(repr((channel.name, channel.rate_hz, channel.start_s, len(channel.values))).encode())
         digest.update((channel.values + 0.0).astype("<f8").tobytes())  # -0.0 becomes 0.0
     return digest.hexdigest()
-
-
-def same_recording(known: Mapping[str, str], new: Mapping[str, str]) -> bool:
-    """Whether two recordings, as a session's log knows them, hold the same samples.
-
-    Args:
-        known, new: `samples_sha256` is of what was measured. Entries from before it was kept have the hash
-            of the file alone, `sha256`.
-    """
-    key = "samples_sha256" if "samples_sha256" in known and "samples_sha256" in new else "sha256"
-    return known[key] == new[key]
 
 
 def _folded(unit: str) -> str:
