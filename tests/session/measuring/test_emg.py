@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
-from hdsafebo.session.errors import RecordingError
+from hdsafebo.session.errors import DefinitionError, RecordingError
 from hdsafebo.session.measuring.emg import Emg, activation, peak_to_peak, samples_digest, selectivity
-from hdsafebo.session.measuring.recording import Channel, Recording
+from hdsafebo.session.measuring.recording import Annotation, Channel, Recording
 from hdsafebo.session.measuring.recordings import read_recording
+from hdsafebo.session.measuring.trigger import Trigger
 from tests.session.small import small_definition
 
 
@@ -196,3 +197,47 @@ def test_a_recording_is_known_by_its_samples(emg: Emg) -> None:
     other = signal(emg)
     other[7, 3] += 0.01
     assert samples_digest(read_recording(csv(emg, other), "a.csv", emg), emg) not in digests
+
+
+@pytest.mark.parametrize(
+    ("trigger", "message"),
+    [
+        ({}, "expected either channel or annotation"),
+        (
+            {"channel": "TRIG", "threshold": 1.0, "annotation": "Stim"},
+            "expected either channel or annotation",
+        ),
+        ({"channel": "TRIG"}, "expected threshold or bits with channel"),
+        ({"channel": "TRIG", "threshold": 1.0, "bits": 1}, "expected threshold or bits with channel"),
+        ({"annotation": "Stim", "threshold": 1.0}, "threshold belongs to a channel"),
+        ({"channel": "TRIG", "bits": 0}, "trigger.bits"),
+        ({"channel": "TRIG", "threshold": float("nan")}, "trigger.threshold"),
+        ({"channel": "IL_left", "threshold": 1.0}, "trigger.channel IL_left is a muscle, too"),
+    ],
+)
+def test_a_trigger_is_said_in_one_way(trigger: dict[str, Any], message: str) -> None:
+    data = small_definition()
+    data["emg"]["trigger"] = trigger
+    with pytest.raises(DefinitionError, match=message):
+        parse_definition(data)
+
+
+def test_triggers_of_pulses_must_come_at_the_pulses_rate(emg: Emg) -> None:
+    """A mark of each pulse counts for itself; marks at another rate are another protocol."""
+    marked = emg.model_copy(update={"trigger": Trigger(annotation="Stim"), "first_pulse_s": 0.005})
+
+    def measured(times: np.ndarray) -> np.ndarray:
+        notes = tuple(Annotation(float(t), "Stim") for t in times[::-1])
+        channels = recorded(emg, np.vstack([signal(emg), np.zeros((200, 8))])).channels
+        return peak_to_peak(Recording("made", channels, notes), marked)
+
+    marks = np.arange(8) / 10 - 0.005
+    expected = peak_to_peak(recorded(emg, signal(emg)), emg)
+    np.testing.assert_allclose(measured(marks), expected)
+    np.testing.assert_allclose(measured(marks[:1]), expected)
+    with pytest.raises(
+        RecordingError, match=r"trigger 2 comes 0\.05 s after the one before, expected 0\.1 s"
+    ):
+        measured(np.arange(8) / 20)
+    with pytest.raises(RecordingError, match=r"9 triggers, expected 1 \(of the trial\) or 8"):
+        measured(np.arange(9) / 10)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hdsafebo.session.errors import RecordingError
-from hdsafebo.session.measuring.csv_recording import LABELS
+from hdsafebo.session.measuring.csv_layout import LABELS
 from hdsafebo.session.measuring.edf_annotations import read_time_stamps
 from hdsafebo.session.measuring.recording import MAX_CHANNELS, MAX_VALUES, Channel, Recording
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hdsafebo.session.errors import RecordingError
-from hdsafebo.session.measuring.csv_recording import TIME_COLUMN
+from hdsafebo.session.measuring.csv_layout import TIME_COLUMN
 from hdsafebo.session.measuring.emg import Emg
 from hdsafebo.session.measuring.recording import MAX_VALUES, Annotation
 from hdsafebo.typing import FloatArray
