@@ -46,7 +46,7 @@ from hdsafebo.optimizers.local.caution import Caution
 from hdsafebo.optimizers.local.recombination import recombined, safe_steps
 from hdsafebo.optimizers.local.restarts import Climb, gain, jump
 from hdsafebo.optimizers.local.row_regions import rows_near, separate_centres
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.search.ascent import ascend
 from hdsafebo.search.metric import Metric, kernel_metric
 from hdsafebo.search.region import TrustRegion, TrustRegionRule, safe_update
@@ -63,7 +63,7 @@ _CENTRES = 100
 _NONE = np.empty(0, np.int64)
 
 
-class HdSafeBOLocalSettings(OptimizerSettings):
+class HdSafeBOLocalSettings(SafeSetSettings):
     """Settings of the local variant; lengths are in units of the fitted length scale unless stated.
 
     Attributes:

@@ -29,7 +29,7 @@ from hdsafebo.errors import ProblemError
 from hdsafebo.gp.sampling import thompson_sample
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.session.advice.days import fit_days
 from hdsafebo.session.advice.repetition import top_two
 from hdsafebo.session.advice.search import SessionProblem
@@ -40,7 +40,7 @@ from hdsafebo.typing import FloatArray, IntArray
 _CHECKED = 4  # how many times the shortlist's length is checked for safety, best first
 
 
-class ShortlistSettings(OptimizerSettings):
+class ShortlistSettings(SafeSetSettings):
     """Settings.
 
     Attributes:
