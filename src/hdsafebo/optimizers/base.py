@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
@@ -40,9 +41,8 @@ from hdsafebo.search.space import SearchSpace
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray, IntArray
 
-
 _ATTEMPTS = 20
-"""How often a method proposes anew when nothing that it proposed is safe enough where it would be evaluated."""
+"""Proposals after which a method abstains when none of them is believed safe where it would be evaluated."""
 
 
 class Optimizer(ABC):
@@ -68,6 +68,7 @@ class Optimizer(ABC):
         settings: the checked settings.
         rng: the only source of randomness.
         round: number of rounds asked so far.
+        elsewhere: rows of the candidate set that are under evaluation elsewhere.
 
     Raises:
         ProblemError: the problem or the box is ill-posed.
@@ -103,9 +104,9 @@ class Optimizer(ABC):
         self._ledger = Ledger(
             problem, problem.bounds.shape[1] if self._space is None else self._space.dimension
         )
-        self._elsewhere: IntArray = np.empty(0, np.int64)
+        self.elsewhere: IntArray = np.empty(0, np.int64)
         self._fits = Fits()
-        self._lock = RLock()
+        self._lock: AbstractContextManager[bool] = RLock()
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_lock"}
@@ -140,6 +141,20 @@ class Optimizer(ABC):
         """(n, p) what the kernel measures distances between, for the points of `trials`."""
         return self.space.kernel_inputs(self.space.to_unit(trials.z))
 
+    def begin_day(  # noqa: B027 (a method may know of no drift)
+        self, day: int, earlier: IntArray | None = None
+    ) -> None:
+        """Trials from now on are of another day, between which outcomes drift.
+
+        Args:
+            day: number of the day.
+            earlier: (n,) days of all trials so far; None keeps what is known of them.
+        """
+
+    def in_units(self, mean: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(k,) predictions of the objective's model, mean and deviation, in units of the objective."""
+        return mean, deviation
+
     def believe(self, trials: Trials) -> tuple[FloatArray, FloatArray]:
         """(n,) safe probabilities and (n,) violation bounds of the points of `trials`, not yet evaluated.
 
@@ -150,7 +165,8 @@ class Optimizer(ABC):
             return unknown, unknown
         inputs = self.kernel_inputs(trials)
         transformed = any(s.modelled and s.transform is not None for s in self.problem.safety)
-        bound = unknown if transformed else self.surrogate.violation_bound(inputs, self.model_settings.confidence)
+        beta = self.model_settings.confidence
+        bound = unknown if transformed else self.surrogate.violation_bound(inputs, beta)
         return self.surrogate.safe_probability(inputs), bound
 
     @property
@@ -189,7 +205,7 @@ class Optimizer(ABC):
         """
         if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
             raise TrialError(f"n is {n!r}; expected a whole number of trials, at least 1")
-        self._elsewhere = np.empty(0, np.int64) if pending is None else pending.candidate
+        self.elsewhere = np.empty(0, np.int64) if pending is None else pending.candidate
         if candidates_left(self.problem, self.taken) == 0:
             total = len(self.taken)
             raise TrialError(f"all {total} candidates of {self.problem.name!r} have been proposed or tried")
@@ -257,8 +273,8 @@ class Optimizer(ABC):
             initial: the data was there before the first `ask`.
 
         Raises:
-            TrialError: a wrong shape, a value that is no finite number, a row that does not exist, or one whose
-                input is another.
+            TrialError: a wrong shape, a value that is no finite number, or a row that does not exist or has
+                another input.
         """
         points = check_points("x", x, self.problem.bounds.shape[1])
         results = check_results(self.problem, len(points), objective, safety, status)
@@ -339,8 +355,12 @@ class Optimizer(ABC):
     @property
     def taken(self) -> IntArray:
         """Rows of the candidate set that were proposed or evaluated, or are under evaluation elsewhere."""
-        rows = np.concatenate([self.trials.candidate, self._elsewhere])
+        rows = np.concatenate([self.trials.candidate, self.elsewhere])
         return np.unique(rows[rows >= 0])
+
+    def refit(self) -> None:
+        """Fit the surrogate anew when it is next needed: what it is fitted to has changed."""
+        self._fits.forget()
 
     @property
     def model_settings(self) -> ModelSettings:
@@ -452,10 +472,10 @@ class Optimizer(ABC):
             if not broken.all():
                 kept = trials[~broken]
                 return replace(kept, id=len(self._ledger) + np.arange(len(kept)))
-            self._elsewhere = np.concatenate([self._elsewhere, trials.candidate])
+            self.elsewhere = np.concatenate([self.elsewhere, trials.candidate])
         raise NoSafePointError(
-            f"{self.name} believes nothing safe where it would be evaluated; report more trials near a safe one, "
-            "choose a larger beta (or a smaller alpha), or set empty_safe_set to 'mark'"
+            f"{self.name} believes nothing safe where it would be evaluated; report more trials near a safe "
+            "one, choose a larger beta (or a smaller alpha), or set empty_safe_set to 'mark'"
         )
 
     def _realised(self, proposal: Proposal) -> Trials:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -15,7 +15,7 @@ S = TypeVar("S", bound="OptimizerSettings")
 
 
 class OptimizerSettings(BaseModel):
-    """Base of all settings. A method has no setting that it ignores: what it does not use is unknown to it."""
+    """Base of all settings. What a method does not use is unknown to it: no setting is ignored."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -93,9 +93,17 @@ def check_settings(kind: type[S], method: str, values: Mapping[str, Any]) -> S:
 def _explain(kind: type[OptimizerSettings], method: str, error: Any) -> str:
     key = ".".join(str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
-        valid = ", ".join(sorted(kind.model_fields))
+        valid = ", ".join(_valid(kind, error["loc"]))
         return f"method {method!r}: unknown setting {key!r}; valid settings: {valid}"
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "value_error":
         return f"method {method!r}: {message}"
     return f"method {method!r}: setting {key!r}: {message}, got {error['input']!r}"
+
+
+def _valid(kind: type[BaseModel], loc: tuple[str | int, ...]) -> list[str]:
+    """Names of the settings beside the one at `loc`: those of all, or of the block that it stands in."""
+    for name in loc[:-1]:
+        annotation = kind.model_fields[str(name)].annotation
+        kind = next(t for t in (annotation, *get_args(annotation)) if isinstance(t, type))
+    return sorted(kind.model_fields)

@@ -43,8 +43,8 @@ class CmaEsSettings(CentreSettings):
     def _start_that_can_be_missing(self) -> CmaEsSettings:
         if self.start == "centre" and "empty_safe_set" in self.model_fields_set:
             raise ValueError(
-                f"empty_safe_set ({self.empty_safe_set!r}) has no meaning with start 'centre', which asks for "
-                "no safe trial; give one of them"
+                f"empty_safe_set ({self.empty_safe_set!r}) has no meaning with start 'centre', which needs no "
+                "safe trial; give one of them"
             )
         return self
 

@@ -33,7 +33,7 @@ class Changeable(Protocol):
     _lock: AbstractContextManager[bool]
     _ledger: Ledger
     _fits: Fits
-    _elsewhere: IntArray
+    elsewhere: IntArray
 
     def method_state(self) -> MethodState: ...
 
@@ -58,7 +58,7 @@ class _Snapshot:
             optimizer._fits.copy(),
             optimizer.rng.bit_generator.state,
             optimizer.round,
-            optimizer._elsewhere,
+            optimizer.elsewhere,
             deepcopy(optimizer.method_state()),
         )
 
@@ -67,7 +67,7 @@ class _Snapshot:
         optimizer._fits = self.fits
         optimizer.rng.bit_generator.state = self.generator
         optimizer.round = self.round
-        optimizer._elsewhere = self.elsewhere
+        optimizer.elsewhere = self.elsewhere
         optimizer.restore_method_state(*self.method)
 
 
