@@ -201,8 +201,8 @@ def _widest(
     Those that are under evaluation come before all others, and are not chosen.
     """
     for view in views:
-        for j in np.flatnonzero(pending):
-            view.believe(int(j))
+        for waiting in np.flatnonzero(pending):
+            view.believe(int(waiting))
     chosen: list[int] = []
     for _ in range(min(n, int((~pending).sum()))):
         width = np.max([view.variance for view in views], axis=0) + 2.0 * interesting
