@@ -29,8 +29,8 @@ from hdsafebo.hand.actor import save_actors
 from hdsafebo.hand.render import pictures, record_video, save_png
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.train import PROGRESS_STEPS, SacSettings, Trained, Training, train_agent
+from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.progress import Advance, progress
-from hdsafebo.stage import Stage, run_stage
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

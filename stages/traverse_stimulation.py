@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 
+from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.spinal.activating_function import sample
 from hdsafebo.spinal.anatomy import Anatomy
 from hdsafebo.spinal.configurations import enumerate_configurations
@@ -16,7 +17,6 @@ from hdsafebo.spinal.figures import save_figure, selectivity_figure
 from hdsafebo.spinal.lead_field import LeadField
 from hdsafebo.spinal.muscles import districts
 from hdsafebo.spinal.traversal import traverse
-from hdsafebo.stage import Stage, run_stage
 
 
 def main(stage: Stage) -> None:

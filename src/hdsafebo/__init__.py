@@ -9,9 +9,10 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from hdsafebo.optimizers.hdsafebo import HdSafeBO
-    from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
+    from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
     from hdsafebo.optimizers.registry import make_optimizer
-    from hdsafebo.problem import Evaluation, FunctionProblem, Problem, Safety, Status, Trials
+    from hdsafebo.problem import FunctionProblem, Problem, Safety
+    from hdsafebo.trials import Evaluation, Status, Trials
 
 __all__ = [
     "Evaluation",
@@ -27,7 +28,7 @@ __all__ = [
 
 _MODULES = {
     "HdSafeBO": "hdsafebo.optimizers.hdsafebo",
-    "HdSafeBOLocal": "hdsafebo.optimizers.hdsafebo_local",
+    "HdSafeBOLocal": "hdsafebo.optimizers.local.optimizer",
     "make_optimizer": "hdsafebo.optimizers.registry",
 } | dict.fromkeys(
     ("Evaluation", "FunctionProblem", "Problem", "Safety", "Status", "Trials"), "hdsafebo.problem"

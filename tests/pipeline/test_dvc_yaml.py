@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hdsafebo.campaign.imports import used_modules
-from hdsafebo.params import load_params
+from hdsafebo.pipeline.checked_params import load_checked_params
+from hdsafebo.pipeline.imports import used_modules
 
 STAGES = sorted(yaml.safe_load((Path(__file__).parents[2] / "dvc.yaml").read_text())["stages"])
 
@@ -96,6 +96,6 @@ def test_params_that_a_script_reads_are_listed(
 
 
 def test_the_matrices_are_the_tasks_and_methods_of_the_params(project_root: Path) -> None:
-    params = load_params(project_root / "params.yaml")
+    params = load_checked_params(project_root / "params.yaml")
     for _family, task in params.tasks:
         assert len(set(task.methods)) == len(task.methods)

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 import hdsafebo
-from hdsafebo.campaign.imports import used_modules
-from hdsafebo.campaign.provenance import digest_file, digest_paths
 from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.registry import method_module
 from hdsafebo.params import Budget, Params, parse_params
+from hdsafebo.pipeline.imports import used_modules
+from hdsafebo.pipeline.provenance import digest_file, digest_paths
 from hdsafebo.problems.registry import family_of, task_module
 
 # Blocks of params.yaml that a family of tasks reads, beside its own block under `tasks`.
@@ -24,8 +24,8 @@ _BLOCKS = {"synthetic": (), "hand": ("hand",), "scs": ("spinal", "embeddings"), 
 # Modules that compute runs but no trial: a change of these leaves what was computed as it is.
 _INDIFFERENT_MODULES = {
     "progress.py", "errors.py",
-    "campaign/cluster.py", "campaign/errors.py", "campaign/imports.py", "campaign/journal.py",
-    "campaign/progress.py", "campaign/provenance.py",
+    "campaign/cluster.py", "campaign/errors.py", "pipeline/imports.py", "campaign/journal.py",
+    "campaign/progress.py", "pipeline/provenance.py",
 }  # fmt: skip
 _LIBRARIES = ("numpy", "scipy", "torch", "gpytorch", "botorch", "scikit-learn", "mujoco", "numba", "cma")
 _INITIAL_STREAM, _METHOD_STREAM = 1, 2
