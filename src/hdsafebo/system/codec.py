@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 from hdsafebo.system.description import System
 from hdsafebo.system.parameters import Parameter, Real
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 from hdsafebo.system.errors import DescriptionError, TableError
 from hdsafebo.system.parameters import Real
 from hdsafebo.system.values import finite

@@ -144,7 +144,7 @@ class System:
         Raises:
             DescriptionError: the file cannot be read, or is no description; the message names file and key.
         """
-        from hdsafebo.params.yaml_file import read_mapping
+        from hdsafebo.files.yaml import read_mapping
 
         path = Path(path)
         if path.suffix == ".json":
@@ -161,7 +161,7 @@ class System:
         Raises:
             WriteError: the file cannot be written.
         """
-        from hdsafebo.writing import replacing
+        from hdsafebo.files.atomic import replacing
 
         path = Path(path)
         data = self.to_dict()

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 from hdsafebo.system.errors import DescriptionError, TableError
 from hdsafebo.system.values import check_distinct, check_name, finite, shown
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hdsafebo.errors import ProblemError
-from hdsafebo.problem import Evaluation, FloatArray, IntArray, Problem, Trials
+from hdsafebo.problem import Problem
+from hdsafebo.trials import Evaluation, Trials
+from hdsafebo.typing import FloatArray, IntArray
 from hdsafebo.system.codec import Codec
 from hdsafebo.system.description import System
 from hdsafebo.system.errors import DescriptionError

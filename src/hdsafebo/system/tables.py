@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hdsafebo.problem import FloatArray, Status
+from hdsafebo.trials import Status
+from hdsafebo.typing import FloatArray
 from hdsafebo.system.description import System
 from hdsafebo.system.errors import TableError
 from hdsafebo.system.values import finite
