@@ -61,6 +61,8 @@ class Trials:
         trust_region_length: (n,) of the trust region the trial came from; NaN without one.
         marked_unsafe: (n,) True where no candidate was believed safe and the caller chose to be given
             the most probably safe one all the same.
+        noise: (n, 1 + m) known standard deviations of the measured objective and safety values, NaN where the
+            problem's own hold.
     """
 
     id: IntArray
@@ -76,6 +78,7 @@ class Trials:
     violation_bound: FloatArray
     trust_region_length: FloatArray
     marked_unsafe: NDArray[np.bool_]
+    noise: FloatArray
 
     def __len__(self) -> int:
         return len(self.id)
@@ -133,6 +136,7 @@ class Trials:
             "violation_bound": np.full(n, np.nan),
             "trust_region_length": np.full(n, np.nan),
             "marked_unsafe": np.zeros(n, bool),
+            "noise": np.full((n, 1 + n_safety), np.nan),
         }
         unknown = set(columns) - set(table)
         if unknown:

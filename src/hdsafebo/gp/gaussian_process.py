@@ -60,6 +60,8 @@ class GaussianProcess:
         variance: q, standardised.
         factor: (n, n) lower Cholesky factor of k(inputs, inputs) + ratio * 1.
         weights: (n,) solution of (k + ratio * 1) w = values - m.
+        relative_noise: (n,) noise variances of the data over their mean, where they are known and may differ;
+            `ratio` is then that of the mean, times this on the diagonal.
     """
 
     inputs: FloatArray
@@ -70,6 +72,13 @@ class GaussianProcess:
     variance: float
     factor: FloatArray
     weights: FloatArray
+    relative_noise: FloatArray | None = None
+
+    @property
+    def noise_ratios(self) -> FloatArray:
+        """(n,) noise variance of each datum over the signal variance."""
+        relative = np.ones(len(self.values)) if self.relative_noise is None else self.relative_noise
+        return self.hyper.noise_ratio * relative
 
     @property
     def length_scale(self) -> float:

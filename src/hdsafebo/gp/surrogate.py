@@ -7,7 +7,7 @@ and functions here work on kernel inputs: whatever space the caller measures dis
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,12 @@ from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.gp.safe_set import safe_probability, violation_bound
 from hdsafebo.problem import Safety
 from hdsafebo.typing import FloatArray
+
+
+_COMPLETES = 0.5
+"""Threshold between failed (0) and completed (1)."""
+_FAILURES = NoisePrior(mode=1e-3, spread=1.0, least=1e-5, most=0.03, first=(1e-3,))
+"""A larger noise would explain each failure as an accident that says nothing of its neighbours."""
 
 
 class DistanceCache:
@@ -70,13 +76,16 @@ class Surrogate:
 
     Attributes:
         objective: model of the objective.
-        safety: one model per modelled safety function, in the problem's order.
-        thresholds: (m,) of the modelled safety functions, in the units of their models (after `transform`).
+        safety: one model per modelled safety function, in the problem's order; then, where failed trials
+            teach, one of whether a trial completes (1) or fails (0).
+        thresholds: (m,) of these, in the units of their models (after `transform`).
+        measured: number of safety functions that are measured quantities.
     """
 
     objective: GaussianProcess
     safety: tuple[GaussianProcess, ...]
     thresholds: FloatArray
+    measured: int
 
     @property
     def state(self) -> SurrogateState:
@@ -141,7 +150,8 @@ class Surrogate:
 
     def violation_bound(self, x: FloatArray, beta: float | None) -> FloatArray:
         """(k,) bound on the expected violation (see `safe_set.violation_bound`), in the models' units."""
-        return violation_bound(*self.predict_safety(x), self.thresholds, beta)
+        mean, deviation = (values[:, : self.measured] for values in self.predict_safety(x))
+        return violation_bound(mean, deviation, self.thresholds[: self.measured], beta)
 
 
 def modelled_safety(functions: Sequence[Safety], values: FloatArray) -> FloatArray:
@@ -173,6 +183,7 @@ def fit_surrogate(
     cache: DistanceCache | None = None,
     limits: LengthScaleLimits | None = None,
     noise: NoisePrior | None = None,
+    known_noise: FloatArray | None = None,
     refine: bool = True,
 ) -> Surrogate:
     """Fit all Gaussian processes.
@@ -186,6 +197,8 @@ def fit_surrogate(
         cache: distances of an earlier call.
         limits: of the length scales.
         noise: prior of the noise ratios.
+        known_noise: (n, 1 + m) standard deviations of the noise of objective and safety values; a function
+            with a NaN among its own has an unknown noise.
         refine: False keeps the hyper-parameters of `start`, if there are any.
 
     Raises:
@@ -198,16 +211,61 @@ def fit_surrogate(
             f"distances between the kernel inputs of {len(inputs)} trials are not finite; expected inputs "
             "(codes or features) that are finite and whose squares are"
         )
-    starts = (None,) * (1 + safety.shape[1]) if start is None else (start.objective, *start.safety)
+    measured = safety.shape[1]
+    starts = (None,) * (1 + measured) if start is None else (start.objective, *start.safety[:measured])
     outcomes = [objective, *safety.T]
+    known = [None] * len(outcomes) if known_noise is None else [_known(column) for column in known_noise.T]
     processes = [
         fit_gaussian_process(
-            inputs, distances, np.ascontiguousarray(y), start=s, limits=limits, noise=noise, refine=refine
+            inputs,
+            distances,
+            np.ascontiguousarray(y),
+            start=s,
+            limits=limits,
+            noise=noise,
+            known_noise=k,
+            refine=refine,
         )
-        for y, s in zip(outcomes, starts, strict=True)
+        for y, s, k in zip(outcomes, starts, known, strict=True)
     ]
     shown = [
         float(gp.outcomes.restore(gp.outcomes.standardise(np.array(h))))
         for gp, h in zip(processes[1:], thresholds, strict=True)
     ]
-    return Surrogate(processes[0], tuple(processes[1:]), np.array(shown))
+    return Surrogate(processes[0], tuple(processes[1:]), np.array(shown), measured)
+
+
+def with_completion(surrogate: Surrogate, inputs: FloatArray, start: SurrogateState | None) -> Surrogate:
+    """The surrogate with one more safety function: whether a trial completes.
+
+    Failures have no safety values, so a process of its own takes 1 for each completed trial and 0 for each
+    failed one, with a threshold between the two. Failures are no noise: where one trial failed, a next one is
+    expected to.
+
+    Args:
+        surrogate: fitted to the completed trials.
+        inputs: (n, p) kernel inputs of the completed trials, then of the failed ones.
+        start: of the last fit.
+
+    Raises:
+        SurrogateError: the process cannot be fitted.
+    """
+    completes = (np.arange(len(inputs)) < len(surrogate.inputs)).astype(float)
+    earlier = () if start is None else start.safety[surrogate.measured :]
+    process = fit_gaussian_process(
+        inputs,
+        exact_distances(inputs, inputs),
+        completes,
+        start=earlier[0] if earlier else None,
+        noise=_FAILURES,
+    )
+    return replace(
+        surrogate,
+        safety=(*surrogate.safety, process),
+        thresholds=np.append(surrogate.thresholds, _COMPLETES),
+    )
+
+
+def _known(deviations: FloatArray) -> FloatArray | None:
+    """The standard deviations, when all of them are known."""
+    return None if np.isnan(deviations).any() else deviations

@@ -72,6 +72,7 @@ class HdSafeBO(Optimizer):
     """High-dimensional safe Bayesian optimisation (the paper's Algorithms 1 and 2)."""
 
     name = "hdsafebo"
+    holds_contexts = True
     Settings = HdSafeBOSettings
     settings: HdSafeBOSettings
 

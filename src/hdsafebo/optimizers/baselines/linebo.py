@@ -39,6 +39,7 @@ class LineBO(Optimizer):
     """
 
     name = "linebo"
+    holds_contexts = True
     Settings = LineBOSettings
     settings: LineBOSettings
 

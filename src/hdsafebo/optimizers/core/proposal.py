@@ -73,10 +73,11 @@ def realise(
         x = candidates.inputs(rows)
     else:
         assert proposal.points is not None, "a proposal has points or rows"
-        z = space.to_code(proposal.points)
+        z = space.to_code(space.pinned(proposal.points))
         x = z if embedding is None else np.asarray(embedding.decode(z), float)
         if candidates is None:
             x, rows = np.clip(x, problem.bounds[0], problem.bounds[1]), np.full(len(x), -1)
+            x = problem.land(x) if problem.lands else x
         else:
             rows = candidates.nearest(x, taken)
             x = candidates.inputs(rows)

@@ -12,6 +12,9 @@ from hdsafebo.problem import Problem
 from hdsafebo.trials import Status
 from hdsafebo.typing import FloatArray, IntArray
 
+_SLACK = 1e-6
+"""Inputs that differ by such a share of their size differ by rounding."""
+
 
 @dataclass(frozen=True)
 class Results:
@@ -75,12 +78,47 @@ def check_points(name: str, points: ArrayLike, columns: int) -> FloatArray:
     return table
 
 
-def check_rows(problem: Problem, candidate: ArrayLike | None, n: int) -> IntArray:
+def check_within(problem: Problem, points: FloatArray) -> None:
+    """Raise `TrialError` that names row, column, value and limits of a point outside the problem's box."""
+    lower, upper = problem.bounds
+    slack = _SLACK * np.maximum(upper - lower, np.maximum(np.abs(lower), np.abs(upper)))
+    for i, j in np.argwhere((points < lower - slack) | (points > upper + slack))[:1]:
+        raise TrialError(
+            f"x is {points[i, j]:.10g} in row {i}, column {j}; expected {lower[j]:.10g} to {upper[j]:.10g}, the "
+            f"bounds of {problem.name!r}"
+        )
+
+
+def check_noise(problem: Problem, noise: ArrayLike | None, n: int) -> FloatArray:
+    """(n, 1 + m) known standard deviations, NaN where unknown; None means that none is known.
+
+    Raises:
+        TrialError: another shape, or a value that is neither positive nor NaN.
+    """
+    columns = 1 + len(problem.safety)
+    if noise is None:
+        return np.full((n, columns), np.nan)
+    table = _numbers(noise, "noise")
+    if table.shape != (n, columns):
+        raise TrialError(
+            f"noise has shape {table.shape}; expected ({n}, {columns}), of the objective and of each safety function"
+        )
+    bad = np.argwhere((table <= 0) | np.isinf(table))
+    for i, j in bad[:1]:
+        raise TrialError(
+            f"noise is {table[i, j]:g} in row {i}, column {j}; expected a positive standard deviation, or NaN"
+        )
+    return table
+
+
+def check_rows(problem: Problem, candidate: ArrayLike | None, points: FloatArray) -> IntArray:
     """(n,) rows of the problem's candidate set, -1 for inputs that are not in it; None means none is.
 
     Raises:
-        TrialError: another shape or type, or a row that does not exist.
+        TrialError: another shape or type, a row that does not exist, or one whose input is another than the
+            (n, D) point's.
     """
+    n = len(points)
     total = 0 if problem.candidates is None else len(problem.candidates.features)
     rows = np.full(n, -1) if candidate is None else _integers(candidate, "candidate")
     if rows.shape != (n,) or not np.issubdtype(rows.dtype, np.integer):
@@ -89,7 +127,18 @@ def check_rows(problem: Problem, candidate: ArrayLike | None, n: int) -> IntArra
         )
     if n and (rows.min() < -1 or rows.max() >= total):
         raise TrialError(f"candidate holds {rows.min()} to {rows.max()}; expected -1 to {total - 1}")
-    return rows.astype(np.int64)
+    rows = rows.astype(np.int64)
+    inside = np.flatnonzero(rows >= 0)
+    if problem.candidates is not None and len(inside):
+        chosen = [j for j in range(points.shape[1]) if j not in problem.contexts]
+        theirs = problem.candidates.inputs(rows[inside])[:, chosen]
+        slack = _SLACK * np.maximum(1.0, np.abs(theirs))
+        for i in inside[(np.abs(points[inside][:, chosen] - theirs) > slack).any(axis=1)][:1]:
+            raise TrialError(
+                f"row {i} of x is not the input of candidate {rows[i]} of {problem.name!r}; expected that input, "
+                "or candidate -1 for one that is not in the set"
+            )
+    return rows
 
 
 def _numbers(values: ArrayLike, name: str) -> FloatArray:
