@@ -148,7 +148,7 @@ class System:
 
         path = Path(path)
         if path.suffix == ".json":
-            data = _read_json(path)
+            data = read_json(path)
         else:
             data = read_mapping(path, DescriptionError)
         if isinstance(data.get("settings"), str):
@@ -225,7 +225,12 @@ def read_settings(path: Path) -> dict[str, list[Any]]:
     return {str(name): table[name].tolist() for name in table.columns}
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
+    """The object that a JSON file holds.
+
+    Raises:
+        DescriptionError: the file is missing, too large, no JSON or no object.
+    """
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise DescriptionError(f"{path}: more than {_MAX_BYTES} bytes")
