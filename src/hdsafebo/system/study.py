@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import threading
+import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -70,6 +71,9 @@ class Study:
     Attributes:
         system: what is optimised.
         method: name of the optimiser.
+        seed: of its random generator.
+        settings: of the method.
+        identity: the folder's path, or a random text for a study in memory.
 
     Raises:
         DescriptionError: the system is incomplete or contradicts itself.
@@ -133,6 +137,8 @@ class Study:
 
     def _begin(self, system: System, plan: Plan, folder: Folder | None) -> None:
         self.system, self.method = system, plan.method
+        self.seed, self.settings = plan.seed, dict(plan.settings)
+        self.identity = uuid.uuid4().hex if folder is None else str(folder.path.resolve())
         self._plan, self._folder = plan, folder
         self._turn = threading.RLock()
         self._new()
