@@ -158,6 +158,13 @@ class Problem(ABC):
         """
         return x
 
+    def neighbours(self, x: FloatArray) -> FloatArray:
+        """(k, D) inputs that can be run and differ from the (D,) one in one step of one parameter.
+
+        A search meets them although nothing lies in between; where all points can be run, none are needed.
+        """
+        return np.empty((0, len(x)))
+
     def is_safe(self, safety: FloatArray) -> NDArray[np.bool_]:
         """(n,) True where every reported safety function of the (n, m) values meets its threshold."""
         keep = [j for j, s in enumerate(self.safety) if s.reported]

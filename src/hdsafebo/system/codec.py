@@ -83,6 +83,17 @@ class Codec:
                 landed[:, self.columns[part.name]] = part.encode(settled[:, j])
         return landed
 
+    def neighbours(self, x: FloatArray) -> FloatArray:
+        """(k, D) points that can be run, one step of one parameter, or another choice, from the (D,) one."""
+        points = []
+        for part in self.system.parameters:
+            columns = self.columns[part.name]
+            for value in part.beside(float(part.decode(x[None, columns])[0])):
+                point = x.copy()
+                point[columns] = part.encode(np.array([value]))[0]
+                points.append(point)
+        return self.land(np.array(points)) if points else np.empty((0, len(x)))
+
     @property
     def lands(self) -> bool:
         """Whether `land` moves any point."""

@@ -121,6 +121,13 @@ class Real:
         landed = self.lower + np.clip(np.round((values - self.lower) / self.spacing), 0, steps) * self.spacing
         return np.asarray(np.minimum(landed, self.upper))
 
+    def beside(self, value: float) -> list[float]:
+        """The values one step away; none where every value can be set."""
+        if self.spacing is None:
+            return []
+        around = self.land_values(np.clip([value - self.spacing, value + self.spacing], self.lower, self.upper))
+        return [float(v) for v in around if v != value]
+
     def python(self, value: Any) -> float | int | str | bool:
         """A decoded value as plain Python."""
         return float(value)
@@ -226,6 +233,11 @@ class Choice:
         """(n, width) nearest columns that stand for a value."""
         return self.encode(self.decode(columns))
 
+    def beside(self, value: float) -> list[float]:
+        """The positions one choice away: the neighbours of an ordered one, otherwise all others."""
+        others = range(len(self.values))
+        return [float(i) for i in others if (abs(i - value) == 1 if self.ordered else i != value)]
+
     def python(self, value: Any) -> float | int | str | bool:
         """The value at a position."""
         return self.values[int(value)]
@@ -279,6 +291,10 @@ class Fixed:
     def land(self, columns: FloatArray) -> FloatArray:
         """The same."""
         return columns
+
+    def beside(self, value: float) -> list[float]:
+        """None."""
+        return []
 
     def python(self, value: Any) -> float | int | str | bool:
         """The fixed value."""

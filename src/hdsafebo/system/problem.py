@@ -37,6 +37,10 @@ class SystemProblem(Problem):
         """(n, D) nearest points that can be run."""
         return self.codec.land(x)
 
+    def neighbours(self, x: FloatArray) -> FloatArray:
+        """(k, D) inputs that can be run and differ from the (D,) one in one step of one parameter."""
+        return self.codec.neighbours(x)
+
     def evaluate(self, trials: Trials) -> Evaluation:
         """Not possible: ProblemError."""
         raise ProblemError(f"{self.name!r} is evaluated by its user, who tells the results")
