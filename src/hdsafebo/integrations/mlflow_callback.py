@@ -1,8 +1,8 @@
 """One's own study as a run of MLflow: call it after each `tell`.
 
-    log = MLflowCallback(experiment="arm")
-    study.tell(suggestion, results)
-    log(study)
+log = MLflowCallback(experiment="arm")
+study.tell(suggestion, results)
+log(study)
 """
 
 from __future__ import annotations
@@ -57,7 +57,9 @@ class MLflowCallback:
                 "best_safe": best[trial],
             }
             metrics += [
-                Metric(_metric_name(n), float(v), 0, int(trial)) for n, v in values.items() if math.isfinite(v)
+                Metric(_metric_name(n), float(v), 0, int(trial))
+                for n, v in values.items()
+                if math.isfinite(v)
             ]
         for first in range(0, len(metrics), _MOST):
             self._client.log_batch(run.info.run_id, metrics=metrics[first : first + _MOST])

@@ -101,9 +101,7 @@ class HdSafeBOSampler(BaseSampler):
         system = System(
             study.study_name[:64],
             tuple(_parameter(name, d) for name, d in space.items()),
-            Objective(
-                _OBJECTIVE, "minimise" if study.direction == StudyDirection.MINIMIZE else "maximise"
-            ),
+            Objective(_OBJECTIVE, "minimise" if study.direction == StudyDirection.MINIMIZE else "maximise"),
             tuple(Limit(name, at_most=0.0) for name in names),
         )
         if self._study is None or self._study.system != system:

@@ -37,8 +37,15 @@ def calibration(study: Study) -> Figure:
         low, high = wilson(share, n)
         x = float(predicted[inside].mean())
         axes.errorbar(x, share, yerr=[[share - low], [high - share]], color=SAFE, marker="o", capsize=3)
-        axes.annotate(str(n), (x, high), textcoords="offset points", xytext=(0, 4), ha="center", fontsize="small")
-    axes.set(xlabel="predicted safe probability", ylabel="share that was safe", xlim=(-0.03, 1.03), ylim=(-0.03, 1.1))
+        axes.annotate(
+            str(n), (x, high), textcoords="offset points", xytext=(0, 4), ha="center", fontsize="small"
+        )
+    axes.set(
+        xlabel="predicted safe probability",
+        ylabel="share that was safe",
+        xlim=(-0.03, 1.03),
+        ylim=(-0.03, 1.1),
+    )
     axes.set_title(f"{len(table)} suggestions", fontsize="medium")
     return figure
 

@@ -44,7 +44,12 @@ def parallel(study: Study) -> Figure:
         else:
             failed = outcome == "failed"
             axes.plot(
-                line, color=FAILED if failed else UNSAFE, linewidth=0.9, alpha=0.7, zorder=1, linestyle="--" if failed else "-"
+                line,
+                color=FAILED if failed else UNSAFE,
+                linewidth=0.9,
+                alpha=0.7,
+                zorder=1,
+                linestyle="--" if failed else "-",
             )
     names = [*map(labelled, parts), labelled(objective)]
     axes.set_xticks(range(len(names)), names, rotation=25, ha="right", fontsize="small")

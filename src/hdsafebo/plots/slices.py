@@ -14,7 +14,6 @@ from hdsafebo.system.parameters import Choice, Parameter, Real
 from hdsafebo.system.study import Study
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -55,15 +54,23 @@ def slices(
         mean, sd = table[objective.name].to_numpy(), table[objective.name + "_sd"].to_numpy()
         above.plot(x, mean, color=LINE, marker="o" if isinstance(parameter, Choice) else "", zorder=2)
         above.fill_between(x, mean - 2 * sd, mean + 2 * sd, color=BAND, alpha=0.18, linewidth=0)
-        mark_trials(above, trials, _places(parameter, trials[parameter.name]), trials[objective.name], size=14)
-        below.plot(x, table["safe_probability"], color=UNSAFE, marker="o" if isinstance(parameter, Choice) else "")
+        mark_trials(
+            above, trials, _places(parameter, trials[parameter.name]), trials[objective.name], size=14
+        )
+        below.plot(
+            x, table["safe_probability"], color=UNSAFE, marker="o" if isinstance(parameter, Choice) else ""
+        )
         below.set_ylim(-0.04, 1.04)
         _scale(below, parameter)
         for axes in (above, below):
-            axes.axvline(_places(parameter, [held[parameter.name]])[0], color=LINE, linewidth=0.7, linestyle=":")
+            axes.axvline(
+                _places(parameter, [held[parameter.name]])[0], color=LINE, linewidth=0.7, linestyle=":"
+            )
     panels[0, 0].set_ylabel(labelled(objective))
     panels[1, 0].set_ylabel("safe probability")
-    figure.suptitle(_title(held, [p.name for p in parameters] if len(parameters) == 1 else []), fontsize="small")
+    figure.suptitle(
+        _title(held, [p.name for p in parameters] if len(parameters) == 1 else []), fontsize="small"
+    )
     return figure
 
 
@@ -128,9 +135,7 @@ def _named(study: Study, names: Sequence[str] | None) -> list[Parameter]:
     return [known[name] for name in chosen]
 
 
-def _held(
-    study: Study, at: Mapping[str, Any] | None, context: Mapping[str, Any] | None
-) -> dict[str, Any]:
+def _held(study: Study, at: Mapping[str, Any] | None, context: Mapping[str, Any] | None) -> dict[str, Any]:
     """Value of every parameter and context."""
     best = study.best(context=context)
     if best is None and at is None:
@@ -140,7 +145,9 @@ def _held(
     unknown = sorted(set(held) - set(study.system.inputs))
     missing = sorted(set(study.system.inputs) - set(held))
     if unknown or missing:
-        raise TableError(f"at: unknown {unknown}, missing {missing}; expected {', '.join(study.system.inputs)}")
+        raise TableError(
+            f"at: unknown {unknown}, missing {missing}; expected {', '.join(study.system.inputs)}"
+        )
     return held
 
 
@@ -176,6 +183,8 @@ def _scale(axes: Axes, parameter: Parameter, *, vertical: bool = False) -> None:
 
 def _title(held: Mapping[str, Any], without: Sequence[str]) -> str:
     parts = [
-        f"{n} = {v:.4g}" if isinstance(v, float) else f"{n} = {v}" for n, v in held.items() if n not in without
+        f"{n} = {v:.4g}" if isinstance(v, float) else f"{n} = {v}"
+        for n, v in held.items()
+        if n not in without
     ]
     return "at " + ", ".join(parts[:10]) + (" ..." if len(parts) > 10 else "") if parts else ""

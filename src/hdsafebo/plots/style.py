@@ -42,7 +42,9 @@ def done(table: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def mark_trials(axes: Axes, table: pd.DataFrame, x: Any, y: Any, *, legend: bool = False, size: float = 26) -> None:
+def mark_trials(
+    axes: Axes, table: pd.DataFrame, x: Any, y: Any, *, legend: bool = False, size: float = 26
+) -> None:
     """Mark trials: safe ones by circles (hollow when they were there before the first suggestion).
 
     Args:

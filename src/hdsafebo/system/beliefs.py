@@ -128,7 +128,7 @@ def best(optimizer: Optimizer, context: FloatArray | None) -> Best | None:
     surrogate = optimizer.surrogate
     mean, sd = surrogate.objective.predict(inputs)
     safe = surrogate.safe_probability(inputs)
-    likely = surrogate.believed_safe(inputs, optimizer.settings.confidence)
+    likely = surrogate.believed_safe(inputs, optimizer.confidence)
     counts = likely if likely.any() else safe >= safe.max()
     problem = optimizer.problem
     assert isinstance(problem, SystemProblem)
@@ -190,7 +190,7 @@ def expected_gain(optimizer: Optimizer, context: FloatArray | None) -> float:
         x[:, list(problem.contexts)] = context
     x = problem.land(x) if problem.lands else x
     inputs = optimizer.kernel_inputs(pending(optimizer, x))
-    safe = surrogate.believed_safe(inputs, optimizer.settings.confidence)
+    safe = surrogate.believed_safe(inputs, optimizer.confidence)
     if not safe.any():
         return 0.0
     mean, sd = surrogate.objective.predict(inputs[safe])

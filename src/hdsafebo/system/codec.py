@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.typing import FloatArray
 from hdsafebo.system.description import System
 from hdsafebo.system.parameters import Parameter, Real
+from hdsafebo.typing import FloatArray
 
 Values = Mapping[str, NDArray[np.float64]]
 """Checked values by name: numbers, positions of choices, zeros of what is fixed."""
@@ -37,9 +37,7 @@ class Codec:
         self.system = system
         self.parts: tuple[Parameter, ...] = (*system.parameters, *system.contexts)
         ends = np.cumsum([p.width for p in self.parts]).tolist()
-        self.columns = {
-            p.name: slice(end - p.width, end) for p, end in zip(self.parts, ends, strict=True)
-        }
+        self.columns = {p.name: slice(end - p.width, end) for p, end in zip(self.parts, ends, strict=True)}
         self.dimension = ends[-1]
         self.bounds = np.stack([np.zeros(self.dimension), np.ones(self.dimension)])
         first = sum(p.width for p in system.parameters)

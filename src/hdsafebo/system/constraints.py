@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 
-from hdsafebo.typing import FloatArray
 from hdsafebo.system.errors import DescriptionError, TableError
 from hdsafebo.system.parameters import Real
 from hdsafebo.system.values import finite
+from hdsafebo.typing import FloatArray
 
 _MARGIN = 1e-9
 """Projected points keep so much from a constraint, in units of what the ranges can change it by: encoding and
@@ -185,9 +185,7 @@ class Feasible:
         excess = self._excess(values)
         for i, j in np.argwhere(excess > 0)[:1]:
             constraint = self.constraints[self._owner[j]]
-            left = float(
-                sum(w * values[i, self._names.index(n)] for n, w in constraint.coefficients.items())
-            )
+            left = float(sum(w * values[i, self._names.index(n)] for n, w in constraint.coefficients.items()))
             raise error(f"row {i}: {constraint.left} is {left:.10g}; expected {constraint}")
 
     def land(self, values: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from hdsafebo.system.parameters import Choice, Fixed, Integer, Parameter, Real
 from hdsafebo.system.values import check_distinct, check_name
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 _MAX_BYTES = 2**26
 Failures = Literal["unsafe", "ignored"]
@@ -244,9 +244,7 @@ def read_json(path: Path) -> dict[str, Any]:
     return data
 
 
-def _columns(
-    table: Any, inputs: Sequence[str], contexts: Sequence[Parameter]
-) -> dict[str, list[Any]]:
+def _columns(table: Any, inputs: Sequence[str], contexts: Sequence[Parameter]) -> dict[str, list[Any]]:
     """Lists by name, of equal length and with the right names."""
     columns = {str(name): list(values) for name, values in dict(table).items()}
     known = {c.name for c in contexts}
@@ -264,7 +262,9 @@ def _columns(
         )
     lengths = {len(values) for values in columns.values()}
     if len(lengths) != 1 or lengths == {0}:
-        raise DescriptionError(f"settings have columns of {sorted(lengths)} rows; expected one length above 0")
+        raise DescriptionError(
+            f"settings have columns of {sorted(lengths)} rows; expected one length above 0"
+        )
     plain = {n: [v.item() if hasattr(v, "item") else v for v in columns[n]] for n in wanted}
     return plain
 

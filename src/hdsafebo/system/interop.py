@@ -40,7 +40,9 @@ def from_vocs(vocs: Mapping[str, Any], name: str = "vocs") -> System:
     direction = direction.get("type", "") if isinstance(direction, Mapping) else direction
     sense = _DIRECTIONS.get(str(direction).upper().removesuffix("OBJECTIVE"))
     if sense is None:
-        raise DescriptionError(f"VOCS: objective {objective!r} is {direction!r}; expected MINIMIZE or MAXIMIZE")
+        raise DescriptionError(
+            f"VOCS: objective {objective!r} is {direction!r}; expected MINIMIZE or MAXIMIZE"
+        )
     parameters = [_variable(n, v) for n, v in dict(vocs.get("variables") or {}).items()]
     for constant, value in dict(vocs.get("constants") or {}).items():
         parameters.append(Fixed(constant, value["value"] if isinstance(value, Mapping) else value))
@@ -113,7 +115,11 @@ def _ax_parameter(given: Mapping[str, Any]) -> Parameter:
         return Real(name, low, high, log=log, step=step)
     if kind == "choice":
         values = tuple(given["values"])
-        return Choice(name, values, ordered=bool(given.get("is_ordered"))) if len(values) > 1 else Fixed(name, values[0])
+        return (
+            Choice(name, values, ordered=bool(given.get("is_ordered")))
+            if len(values) > 1
+            else Fixed(name, values[0])
+        )
     if kind == "fixed":
         return Fixed(name, given["value"])
     raise DescriptionError(f"parameter {name!r} is of type {kind!r}; expected range, choice or fixed")

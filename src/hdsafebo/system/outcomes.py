@@ -88,9 +88,7 @@ class Limit:
     def safety(self) -> tuple[Safety, ...]:
         """One safety function per side."""
         names = [self.name] if len(self.sides) == 1 else [f"{self.name} (low)", f"{self.name} (high)"]
-        return tuple(
-            Safety(name, threshold) for name, (_, threshold) in zip(names, self.sides, strict=True)
-        )
+        return tuple(Safety(name, threshold) for name, (_, threshold) in zip(names, self.sides, strict=True))
 
     def __str__(self) -> str:
         parts = [f">= {self.at_least:g}"] if self.at_least is not None else []

@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hdsafebo.typing import FloatArray
 from hdsafebo.system.errors import DescriptionError, TableError
 from hdsafebo.system.values import check_distinct, check_name, finite, shown
+from hdsafebo.typing import FloatArray
 
 _SLACK = 1e-9
 """Values outside a range by this share of its width are taken for rounding, and cut to the range."""
@@ -125,7 +125,9 @@ class Real:
         """The values one step away; none where every value can be set."""
         if self.spacing is None:
             return []
-        around = self.land_values(np.clip([value - self.spacing, value + self.spacing], self.lower, self.upper))
+        around = self.land_values(
+            np.clip([value - self.spacing, value + self.spacing], self.lower, self.upper)
+        )
         return [float(v) for v in around if v != value]
 
     def python(self, value: Any) -> float | int | str | bool:
@@ -190,7 +192,9 @@ class Choice:
             if not isinstance(value, str | int | float | bool):
                 raise DescriptionError(f"{what} can be {value!r}; expected texts, numbers or truth values")
         if len(self.values) < 2:
-            raise DescriptionError(f"{what} has {len(self.values)} values; expected at least two (or a Fixed)")
+            raise DescriptionError(
+                f"{what} has {len(self.values)} values; expected at least two (or a Fixed)"
+            )
         check_distinct(map(str, self.values), f"values of {what}")
 
     @property

@@ -6,11 +6,11 @@ import numpy as np
 
 from hdsafebo.errors import ProblemError
 from hdsafebo.problem import Problem
-from hdsafebo.trials import Evaluation, Trials
-from hdsafebo.typing import FloatArray, IntArray
 from hdsafebo.system.codec import Codec
 from hdsafebo.system.description import System
 from hdsafebo.system.errors import DescriptionError
+from hdsafebo.trials import Evaluation, Trials
+from hdsafebo.typing import FloatArray, IntArray
 
 
 class SystemProblem(Problem):

@@ -1,8 +1,8 @@
 """A study's folder: its description, and the optimiser's state, replaced whole after each step.
 
-    system.json   the system, the method, the seed and the settings; written once
-    state         the optimiser; complete or as it was before, whenever the process is killed
-    lock          held while a step is taken, so that several processes take turns
+system.json   the system, the method, the seed and the settings; written once
+state         the optimiser; complete or as it was before, whenever the process is killed
+lock          held while a step is taken, so that several processes take turns
 """
 
 from __future__ import annotations
@@ -76,7 +76,9 @@ class Folder:
         if self.path.exists() and not self.path.is_dir():
             raise StudyError(f"{self.path}: is a file; expected the folder of a study, or nothing yet")
         if self.path.is_dir() and not self.exists and any(p.name != _LOCK for p in self.path.iterdir()):
-            raise StudyError(f"{self.path}: is a folder with other files; expected that of a study, or nothing yet")
+            raise StudyError(
+                f"{self.path}: is a folder with other files; expected that of a study, or nothing yet"
+            )
         data = {"format": _FORMAT, **asdict(plan), "system": system.to_dict()}
         with replacing(self.path / _SYSTEM) as temporary:
             text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False)

@@ -1,9 +1,9 @@
 """A study: suggestions for one's own system, in its own names and units, kept in a folder.
 
-    study = Study.open("arm.hdsafebo", system)        # begins or goes on
-    study.observe(table)                              # what was tried already
-    suggestion = study.ask(context={"payload": 1.2})
-    study.tell(suggestion, run(**suggestion.setting))
+study = Study.open("arm.hdsafebo", system)        # begins or goes on
+study.observe(table)                              # what was tried already
+suggestion = study.ask(context={"payload": 1.2})
+study.tell(suggestion, run(**suggestion.setting))
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from hdsafebo.system.problem import SystemProblem
 from hdsafebo.system.storage import Folder, Plan
 from hdsafebo.system.tables import NOISE, STATUS, TRIAL, columns_of, measured, require, result_names
 from hdsafebo.trials import Status, Trials
-from hdsafebo.typing import FloatArray, IntArray
+from hdsafebo.typing import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -151,9 +151,7 @@ class Study:
 
     # --- steps
 
-    def ask(
-        self, n: int | None = None, *, context: Mapping[str, Any] | None = None
-    ) -> Any:
+    def ask(self, n: int | None = None, *, context: Mapping[str, Any] | None = None) -> Any:
         """Suggest trials.
 
         Args:
@@ -217,7 +215,9 @@ class Study:
             require(instead, [], self.system.inputs, "ran")
         else:
             if results is not None or ran is not None or noise is not None or failed:
-                raise TableError("a table of trials holds all that is told of them; leave the other arguments out")
+                raise TableError(
+                    "a table of trials holds all that is told of them; leave the other arguments out"
+                )
             ids, columns = self._table(trial)
             instead = {n: columns.pop(n) for n in self.system.inputs if n in columns}
         told = measured(self.system, columns, len(ids))
@@ -426,7 +426,9 @@ class Study:
                 raise TableError("a failed trial has no results; leave them out, or tell it as completed")
             return {STATUS: ["failed"]}
         if results is None:
-            raise TableError(f"results are missing; expected {', '.join(self.system.outcomes)}, or failed=True")
+            raise TableError(
+                f"results are missing; expected {', '.join(self.system.outcomes)}, or failed=True"
+            )
         columns = columns_of(results, "results")
         for name, value in (noise or {}).items():
             columns[name + NOISE] = [value]

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hdsafebo.trials import Status
-from hdsafebo.typing import FloatArray
 from hdsafebo.system.description import System
 from hdsafebo.system.errors import TableError
 from hdsafebo.system.values import finite
+from hdsafebo.trials import Status
+from hdsafebo.typing import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd

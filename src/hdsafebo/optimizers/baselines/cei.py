@@ -13,6 +13,7 @@ from hdsafebo.gp.ard import BOTORCH_DEFAULT
 from hdsafebo.gp.ard_process import ArdProcess, BelievedPool, WarmStart
 from hdsafebo.gp.surrogate import modelled_safety, modelled_thresholds
 from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.search.acquisition import (
     Acquisition,
     log_expected_improvement,
@@ -48,10 +49,14 @@ class CeiProb(Optimizer):
 
     The models are those of `botorch.models.SingleTaskGP` without arguments: squared-exponential kernel,
     one length scale per dimension with the dimension-scaled prior (Hvarfner et al. 2024), standardised
-    outcomes. What a trial carries of safety comes from the common surrogate, as for all methods.
+    outcomes. What a trial carries of safety comes from the common surrogate, as for all methods: the
+    acquisition function weighs feasibility and demands none, so trials that the surrogate does not believe
+    safe are marked, or left out (`empty_safe_set`).
     """
 
     name = "cei_prob"
+    Settings = SafeSetSettings
+    settings: SafeSetSettings
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

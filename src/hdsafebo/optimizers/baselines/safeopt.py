@@ -14,12 +14,12 @@ from hdsafebo.gp.gaussian_process import GaussianProcess
 from hdsafebo.gp.kernel import fast_distances, matern52
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.search.candidates import sobol_points
 from hdsafebo.typing import FloatArray, IntArray
 
 
-class SafeOptSettings(OptimizerSettings):
+class SafeOptSettings(SafeSetSettings):
     """Settings of `safeopt`.
 
     Attributes:

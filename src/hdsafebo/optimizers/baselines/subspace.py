@@ -27,7 +27,6 @@ class SubspaceOptimizer(Optimizer):
     """
 
     uses_initial_data: ClassVar[bool] = False
-    consults_model = False
 
     def __init__(
         self,

@@ -42,9 +42,7 @@ def checked_context(problem: Problem, context: ArrayLike | None) -> FloatArray:
     if context is None:
         if not columns:
             return np.empty(0)
-        raise TrialError(
-            f"{problem.name!r} has {len(columns)} context columns; pass their values as context"
-        )
+        raise TrialError(f"{problem.name!r} has {len(columns)} context columns; pass their values as context")
     values = check_points("context", np.atleast_2d(np.asarray(context)), len(columns))
     if len(values) != 1:
         raise TrialError(f"context has {len(values)} rows; expected one value per context column")

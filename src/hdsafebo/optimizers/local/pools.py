@@ -39,7 +39,9 @@ class PoolSearch(AscentSearch):
         inputs = self.metric.inputs(pool)
         safe = surrogate.believed_safe(inputs, self.confidence)
         fresh = safe & ~self._tried(pool)
-        rows = np.flatnonzero(fresh if fresh.any() else safe)  # noise makes a repetition worth more than nothing
+        rows = np.flatnonzero(
+            fresh if fresh.any() else safe
+        )  # noise makes a repetition worth more than nothing
         chosen = rows if len(rows) <= n else self._choose(rows, inputs, n)
         chosen = complete_batch(chosen, n, inputs, surrogate, optimizer.settings.empty_safe_set)
         return Proposal(pool[chosen], trust_region_length=self.region.length, marked_unsafe=~safe[chosen])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.sparse import diags
 
-from hdsafebo.spinal.anatomy import Anatomy
-from hdsafebo.spinal.lead_field import LeadField, Solution
-from hdsafebo.spinal.solver import LeadFieldError, conjugate_gradients
+from hdsafebo.spinal.finite_elements.lead_field import LeadField, Solution
+from hdsafebo.spinal.finite_elements.solver import LeadFieldError, conjugate_gradients
+from hdsafebo.spinal.geometry.anatomy import Anatomy
 
 
 def test_reciprocity(coarse_solution: Solution) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import HandModelError, UnknownNameError
-from hdsafebo.hand.extension_table import JOINTS, MUSCLES, REATTACHED
-from hdsafebo.hand.model import HandModel, hand_model
+from hdsafebo.hand.scene.extension_table import JOINTS, MUSCLES, REATTACHED
+from hdsafebo.hand.scene.model import HandModel, hand_model
 
 
 def moment_arms(hand: HandModel, samples: int = 0) -> np.ndarray:

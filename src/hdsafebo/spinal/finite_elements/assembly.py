@@ -14,8 +14,8 @@ from scipy.sparse import coo_matrix, csr_matrix
 from skfem.helpers import dot, grad
 
 from hdsafebo.errors import AnatomyError
-from hdsafebo.spinal.conductivity import Conductivity
-from hdsafebo.spinal.mesh import PrismMesh
+from hdsafebo.spinal.geometry.conductivity import Conductivity
+from hdsafebo.spinal.geometry.mesh import PrismMesh
 
 Array = NDArray[np.float64]
 

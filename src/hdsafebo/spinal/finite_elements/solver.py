@@ -19,8 +19,8 @@ from skfem.helpers import dot, grad
 
 from hdsafebo.errors import HdSafeBOError
 from hdsafebo.progress import progress
-from hdsafebo.spinal.conductivity import Conductivity
-from hdsafebo.spinal.mesh import PrismMesh
+from hdsafebo.spinal.geometry.conductivity import Conductivity
+from hdsafebo.spinal.geometry.mesh import PrismMesh
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import AnatomyError, UnknownNameError
-from hdsafebo.spinal.anatomy import CONDUCTIVITIES, Anatomy
-from hdsafebo.spinal.mesh import PrismMesh
+from hdsafebo.spinal.geometry.anatomy import CONDUCTIVITIES, Anatomy
+from hdsafebo.spinal.geometry.mesh import PrismMesh
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from myo_sim.build import compose
 from myo_sim.build import hand as myo_hand
 
 from hdsafebo.errors import HandModelError, UnknownNameError
-from hdsafebo.hand.bottle import add_bottle
-from hdsafebo.hand.extension import extend
+from hdsafebo.hand.scene.bottle import add_bottle
+from hdsafebo.hand.scene.extension import extend
 
 Variant = Literal["forearm", "extended"]
 """`forearm`: 43 muscles, 23 joints. `extended`: 55 muscles, 28 joints, as many as the paper's hand."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import AnatomyError
-from hdsafebo.spinal.section import EdgeLengths, circle, graded_size
-from hdsafebo.spinal.triangulation import Curve, Triangulation, triangulate
+from hdsafebo.spinal.geometry.section import EdgeLengths, circle, graded_size
+from hdsafebo.spinal.geometry.triangulation import Curve, Triangulation, triangulate
 
 LENGTHS = EdgeLengths(0.6, 0.3, 2.0)
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.activations import (
+from hdsafebo.hand.rollout import Scene
+from hdsafebo.hand.training.activations import (
     Agent,
     activation_table,
     agents_of,
@@ -18,9 +19,8 @@ from hdsafebo.hand.activations import (
     explore,
     learning_curve,
 )
-from hdsafebo.hand.actor import Actor, load_actors, save_actors
-from hdsafebo.hand.rollout import Scene
-from hdsafebo.hand.train import SacSettings, Trained, Training, actor_of, train_agent
+from hdsafebo.hand.training.actor import Actor, load_actors, save_actors
+from hdsafebo.hand.training.train import SacSettings, Trained, Training, actor_of, train_agent
 
 SCENE = Scene("forearm", horizon=40)
 SMALL = SacSettings(steps=400, width=16, learning_starts=100, batch_size=32)

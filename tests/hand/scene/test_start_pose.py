@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand import start_pose as module
-from hdsafebo.hand.bottle import BOTTLE
-from hdsafebo.hand.model import hand_model
 from hdsafebo.hand.observation import tilt
-from hdsafebo.hand.start_pose import (
+from hdsafebo.hand.scene import start_pose as module
+from hdsafebo.hand.scene.bottle import BOTTLE
+from hdsafebo.hand.scene.model import hand_model
+from hdsafebo.hand.scene.start_pose import (
     BOTTLE_HEIGHT,
     MAX_PENETRATION,
     check_start_pose,

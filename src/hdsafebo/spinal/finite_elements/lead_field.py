@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.spinal.anatomy import CONTACT_LENGTH, CONTACT_WIDTH, Anatomy
-from hdsafebo.spinal.assembly import Contact, contact_currents, stiffness
-from hdsafebo.spinal.conductivity import Conductivity
-from hdsafebo.spinal.mesh import PrismMesh
-from hdsafebo.spinal.solver import FastDiagonalisation, LeadFieldError, conjugate_gradients
+from hdsafebo.spinal.finite_elements.assembly import Contact, contact_currents, stiffness
+from hdsafebo.spinal.finite_elements.solver import FastDiagonalisation, LeadFieldError, conjugate_gradients
+from hdsafebo.spinal.geometry.anatomy import CONTACT_LENGTH, CONTACT_WIDTH, Anatomy
+from hdsafebo.spinal.geometry.conductivity import Conductivity
+from hdsafebo.spinal.geometry.mesh import PrismMesh
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from dataclasses import fields
 import numpy as np
 
 from hdsafebo.errors import AnatomyError
-from hdsafebo.spinal.anatomy import CONTACT_LENGTH, CONTACT_WIDTH, Anatomy
+from hdsafebo.spinal.geometry.anatomy import CONTACT_LENGTH, CONTACT_WIDTH, Anatomy
 
 _POSITIONS = ("segments", "rostral_end", "caudal_end", "paddle_rostral_edge")
 

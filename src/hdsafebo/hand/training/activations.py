@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from hdsafebo.hand.actor import Actor
 from hdsafebo.hand.environment import OBSERVATION_LIMIT
 from hdsafebo.hand.rollout import Scene
-from hdsafebo.hand.train import Trained
+from hdsafebo.hand.training.actor import Actor
+from hdsafebo.hand.training.train import Trained
 
 NOISE_STEPS = 25
 """Control steps (0.5 s) between new exploration matrices: longer than a muscle's activation takes to rise."""

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import AnatomyError, UnknownNameError
-from hdsafebo.spinal.anatomy import Anatomy
-from hdsafebo.spinal.assembly import Contact, contact_currents, stiffness
-from hdsafebo.spinal.conductivity import Conductivity, conductivity_table, cord_conductivity
-from hdsafebo.spinal.lead_field import cord_contacts
-from hdsafebo.spinal.mesh import PrismMesh, extrude
-from hdsafebo.spinal.section import EdgeLengths, build_section, circle, graded_size
+from hdsafebo.spinal.finite_elements.assembly import Contact, contact_currents, stiffness
+from hdsafebo.spinal.finite_elements.lead_field import cord_contacts
+from hdsafebo.spinal.geometry.anatomy import Anatomy
+from hdsafebo.spinal.geometry.conductivity import Conductivity, conductivity_table, cord_conductivity
+from hdsafebo.spinal.geometry.mesh import PrismMesh, extrude
+from hdsafebo.spinal.geometry.section import EdgeLengths, build_section, circle, graded_size
 
 RADIUS, HEIGHT = 5.0, 7.0
 

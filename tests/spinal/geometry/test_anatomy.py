@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import AnatomyError, UnknownNameError
-from hdsafebo.spinal.anatomy import GREY_OUTLINE, Anatomy
-from hdsafebo.spinal.anatomy_check import check_anatomy
 from hdsafebo.spinal.field_map import COLUMNS, contact_pixels
+from hdsafebo.spinal.geometry.anatomy import GREY_OUTLINE, Anatomy
+from hdsafebo.spinal.geometry.anatomy_check import check_anatomy
 
 
 def test_default_anatomy_is_possible() -> None:

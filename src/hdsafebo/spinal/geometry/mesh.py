@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from hdsafebo.errors import AnatomyError
-from hdsafebo.spinal.anatomy import CONUS, Anatomy
-from hdsafebo.spinal.section import Section
+from hdsafebo.spinal.geometry.anatomy import CONUS, Anatomy
+from hdsafebo.spinal.geometry.section import Section
 
 Array = NDArray[np.float64]
 SliceMap = Callable[[Array, Array, Array], tuple[Array, Array]]

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.bottle import BOTTLE, BOTTLE_WELD
-from hdsafebo.hand.model import ARM_ROOT, HandModel
+from hdsafebo.hand.scene.bottle import BOTTLE, BOTTLE_WELD
+from hdsafebo.hand.scene.model import ARM_ROOT, HandModel
 
 BOTTLE_HEIGHT = 1.39
 """m; a free fall from here to 0.4 m ends at 4.41 m/s, near the paper's threshold of 4.4."""

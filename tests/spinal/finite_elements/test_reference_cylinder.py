@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hdsafebo.spinal.reference_cylinder import LayeredCylinder, point_source
+from hdsafebo.spinal.finite_elements.reference_cylinder import LayeredCylinder, point_source
 
 Z = np.linspace(35.0, 65.0, 61)
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.hand.extension_table import (
+from hdsafebo.hand.scene.extension_table import (
     JOINTS,
     MUSCLES,
     OPPONENS_AREA,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import AnatomyError
-from hdsafebo.spinal.anatomy import GREY_OUTLINE, Anatomy
-from hdsafebo.spinal.mesh import PrismMesh, cord_map, extrude, graded_axis
-from hdsafebo.spinal.section import EdgeLengths, Section, cord_section
+from hdsafebo.spinal.geometry.anatomy import GREY_OUTLINE, Anatomy
+from hdsafebo.spinal.geometry.mesh import PrismMesh, cord_map, extrude, graded_axis
+from hdsafebo.spinal.geometry.section import EdgeLengths, Section, cord_section
 
 
 @pytest.fixture(scope="module")

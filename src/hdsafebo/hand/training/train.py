@@ -12,10 +12,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.hand.actor import Actor
 from hdsafebo.hand.environment import BottleHandEnv
-from hdsafebo.hand.model import Variant
 from hdsafebo.hand.rollout import Scene
+from hdsafebo.hand.scene.model import Variant
+from hdsafebo.hand.training.actor import Actor
 
 CHECKPOINTS = (0.1, 0.25, 0.5, 0.75, 1.0)
 """Shares of the training after which the actor is kept: synergies come from agents of all skills."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.spinal.anatomy import CONTACT_CENTRES, CONTACT_WIDTH, GREY_OUTLINE, Anatomy
-from hdsafebo.spinal.anatomy_check import check_anatomy
-from hdsafebo.spinal.triangulation import Curve, Size, triangulate
+from hdsafebo.spinal.geometry.anatomy import CONTACT_CENTRES, CONTACT_WIDTH, GREY_OUTLINE, Anatomy
+from hdsafebo.spinal.geometry.anatomy_check import check_anatomy
+from hdsafebo.spinal.geometry.triangulation import Curve, Size, triangulate
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
