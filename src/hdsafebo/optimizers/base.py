@@ -29,7 +29,7 @@ from hdsafebo.gp.surrogate import (
     modelled_thresholds,
     with_completion,
 )
-from hdsafebo.optimizers.core.contexts import check_able, checked_context, in_context
+from hdsafebo.optimizers.core.contexts import check_able, checked_context, in_context, novel_beta
 from hdsafebo.optimizers.core.fits import FitCounts, Fits
 from hdsafebo.optimizers.core.ledger import Ledger
 from hdsafebo.optimizers.core.nearest_trials import rows_near_best
@@ -187,7 +187,13 @@ class Optimizer(ABC):
     @property
     def confidence(self) -> float:
         """The beta of the safe set."""
-        return self.model_settings.confidence
+        return self.promised_beta
+
+    @property
+    def promised_beta(self) -> float:
+        """The beta that was set, lowered under contexts that few trials have reached."""
+        beta = self.model_settings.confidence
+        return novel_beta(beta, self.trials, self.problem.contexts, self._context)
 
     def keeps_promise(self, trials: Trials) -> NDArray[np.bool_]:
         """(n,) True for trials that are in the method's safe set where they will be evaluated.

@@ -104,7 +104,7 @@ def check_noise(problem: Problem, noise: ArrayLike | None, n: int) -> FloatArray
     columns = 1 + len(problem.safety)
     if noise is None:
         return np.full((n, columns), np.nan)
-    table = _numbers(noise, "noise")
+    table = as_numbers(noise, "noise")
     if table.shape != (n, columns):
         raise TrialError(
             f"noise has shape {table.shape}; expected ({n}, {columns}), of the objective and of each safety function"

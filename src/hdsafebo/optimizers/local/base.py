@@ -88,7 +88,7 @@ class LocalSearch(ABC):
     @property
     def confidence(self) -> float:
         """The beta of the safe set."""
-        return self.optimizer.settings.confidence
+        return self.optimizer.promised_beta
 
     def best_first(self, which: NDArray[np.bool_]) -> IntArray:
         """Rows where `which` is True, the highest objective first."""
