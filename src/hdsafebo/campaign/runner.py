@@ -22,7 +22,8 @@ from hdsafebo.campaign.run_spec import RunSpec, budget_of, identity_of, settings
 from hdsafebo.errors import JournalError, NoSafePointError, SurrogateError
 from hdsafebo.gp.safe_set import alpha_of
 from hdsafebo.optimizers.base import Optimizer
-from hdsafebo.optimizers.registry import ORIGINAL_SUFFIX, load_optimizer, make_optimizer
+from hdsafebo.optimizers.registry import ORIGINAL_SUFFIX, load_optimizer, make_optimizer, method_class
+from hdsafebo.optimizers.settings import CentreSettings
 from hdsafebo.params import Budget
 from hdsafebo.problem import Problem
 from hdsafebo.problems.registry import Task, make_task
@@ -98,7 +99,7 @@ class _Run:
                 embedding=embedding,
                 seed=spec.method_seed(),
                 bounds=None if original else task.latent_bounds,
-                **settings,
+                **(_fill_rounds(spec.method, settings) | settings),
             )
         else:
             self.optimizer = load_optimizer(spec.method, state[1], self.problem, embedding)
@@ -259,3 +260,15 @@ def _evaluation_of(entry: Round, problem: Problem) -> Evaluation:
     """The results that the journal holds of a round."""
     safety = np.stack([entry.rows[name] for name in safety_columns(problem)], axis=1)
     return Evaluation(entry.rows["objective"], safety, entry.rows["status"] == "failed")
+
+
+def _fill_rounds(method: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """Setting of a method that could abstain and must not: methods are compared at equal numbers of trials.
+
+    A trial that was not believed safe is marked, and counts as what it turns out to be.
+    """
+    kind, fixed = method_class(method)
+    needs_safe_trial = (
+        issubclass(kind.Settings, CentreSettings) and (fixed | settings).get("start") != "centre"
+    )
+    return {"empty_safe_set": "mark"} if needs_safe_trial else {}

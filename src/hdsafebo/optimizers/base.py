@@ -7,6 +7,7 @@ predicted for, the point that will really be evaluated.
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -18,8 +19,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hdsafebo.errors import NoSafePointError, TrialError
+from hdsafebo.errors import NoSafePointError, OptimisticWarning, TrialError
 from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior
+from hdsafebo.gp.safe_set import alpha_of
 from hdsafebo.gp.surrogate import (
     DistanceCache,
     Surrogate,
@@ -43,7 +45,14 @@ from hdsafebo.optimizers.core.results import (
     check_within,
 )
 from hdsafebo.optimizers.core.transaction import all_or_nothing, one_at_a_time
-from hdsafebo.optimizers.settings import CentreSettings, ModelSettings, OptimizerSettings, check_settings
+from hdsafebo.optimizers.settings import (
+    CentreSettings,
+    ModelSettings,
+    OptimizerSettings,
+    SafeSetSettings,
+    check_settings,
+    constructor_signature,
+)
 from hdsafebo.problem import Codec, ContextualSet, Problem, check_problem
 from hdsafebo.search.space import SearchSpace
 from hdsafebo.trials import Status, Trials
@@ -95,6 +104,7 @@ class Optimizer(ABC):
 
     def __init_subclass__(cls) -> None:
         cls.consults_model = issubclass(cls.Settings, ModelSettings)
+        cls.__signature__ = constructor_signature(Optimizer.__init__, cls.Settings)  # type: ignore[attr-defined]
 
     def __init__(
         self,
@@ -110,6 +120,7 @@ class Optimizer(ABC):
         self.problem = problem
         self.embedding = embedding
         self.settings = check_settings(type(self).Settings, self.name, settings)
+        self._say_what_is_promised()
         self.rng = np.random.default_rng(seed)
         self.round = 0
         self._space: SearchSpace | None = None
@@ -129,6 +140,21 @@ class Optimizer(ABC):
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self._lock = RLock()  # a copy is used on its own
+
+    def _say_what_is_promised(self) -> None:
+        """Warn where a default promises less than an even chance of being safe, unless it was chosen."""
+        settings = self.settings
+        if not isinstance(settings, SafeSetSettings) or settings.model_fields_set & {"alpha", "beta"}:
+            return
+        promised = alpha_of(settings.confidence)
+        if promised < 0.5:
+            warnings.warn(
+                f"{self.name} takes beta = {settings.confidence:g}, as published, which promises each trial a safe "
+                f"probability of {promised:.2g} and no more; pass alpha (such as 0.95), or beta to choose it, or "
+                "use hdsafebo_local",
+                OptimisticWarning,
+                stacklevel=4,
+            )
 
     # --- what a method provides
 

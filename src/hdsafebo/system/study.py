@@ -84,7 +84,6 @@ class Study:
     def __init__(
         self, system: System, *, method: str = "hdsafebo_local", seed: int = 0, **settings: Any
     ) -> None:
-        settings.setdefault("empty_safe_set", "abstain")
         self._begin(system, Plan(method, seed, settings), None)
 
     @classmethod
@@ -117,7 +116,6 @@ class Study:
         if not folder.exists:
             if system is None:
                 raise StudyError(f"{path}: no study is there; pass the system to begin one")
-            settings.setdefault("empty_safe_set", "abstain")
             plan = Plan(method or "hdsafebo_local", seed or 0, settings)
             cls.__new__(cls)._begin(system, plan, None)  # what cannot be begun leaves no folder
             folder.create(system, plan)
