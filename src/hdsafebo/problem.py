@@ -132,7 +132,8 @@ class Problem(ABC):
             `ask` is given their values.
         lands: some points of the box cannot be run; `land` says what is run in their place.
         noise: (1 + m,) known standard deviations of one measurement of the objective and of each safety
-            function, NaN where unknown; None where all are.
+            function, NaN where unknown; None where all are. Where it is known, a safe probability is that of
+            the next measurement, otherwise that of the function.
         failures_teach: a trial that failed is evidence that trials near it fail, and nothing that may fail is
             believed safe.
     """

@@ -88,13 +88,18 @@ class Surrogate:
         safety: one model per modelled safety function, in the problem's order; then, where failed trials
             teach, one of whether a trial completes (1) or fails (0).
         thresholds: (m,) of these, in the units of their models (after `transform`).
-        measured: number of safety functions that are measured quantities.
+        completion: whether that last one is there.
     """
 
     objective: GaussianProcess
     safety: tuple[GaussianProcess, ...]
     thresholds: FloatArray
-    measured: int
+    completion: bool = False
+
+    @property
+    def measured(self) -> int:
+        """Number of safety functions that are measured quantities."""
+        return len(self.safety) - self.completion
 
     @property
     def state(self) -> SurrogateState:
@@ -136,8 +141,9 @@ class Surrogate:
     def believed_safe(self, x: FloatArray, beta: float) -> NDArray[np.bool_]:
         """(k,) True where mu + beta * sigma >= h for every safety function.
 
-        Sigma lies between 0 and the prior deviation, so the mean alone decides most points; the rest, and
-        only they, cost a triangular solve.
+        Sigma lies between 0 and the prior deviation (with the noise of a measurement added to both, where
+        that is predicted), so the mean alone decides most points; the rest, and only they, cost a triangular
+        solve.
         """
         safe = np.ones(len(x), bool)
         for gp, threshold in zip(self.safety, self.thresholds, strict=True):
@@ -146,7 +152,8 @@ class Surrogate:
                 break
             correlation = gp.correlation(x[rows])
             mean = gp.outcomes.restore(gp.mean + correlation @ gp.weights)
-            ends = np.sort(beta * gp.signal_deviation * np.array([0.0, 1.0])) + mean[:, None] - threshold
+            limits = gp.signal_deviation * np.sqrt(gp.predicted_noise + np.array([0.0, 1.0]))
+            ends = np.sort(beta * limits) + mean[:, None] - threshold
             undecided = (ends[:, 0] < 0) & (ends[:, 1] >= 0)
             passed = ends[:, 0] >= 0
             passed[undecided] = mean[undecided] + beta * gp.deviation(correlation[undecided]) >= threshold
@@ -207,7 +214,8 @@ def fit_surrogate(
         limits: of the length scales.
         noise: prior of the noise ratios.
         known_noise: (n, 1 + m) standard deviations of the noise of objective and safety values; a function
-            with a NaN among its own has an unknown noise.
+            with a NaN among its own has an unknown noise. What is predicted of a safety function with known
+            noise is its next measurement, which decides whether a trial was safe; otherwise the function.
         refine: False keeps the hyper-parameters of `start`, if there are any.
 
     Raises:
@@ -238,11 +246,12 @@ def fit_surrogate(
         for y, s, k in zip(outcomes, starts, known, strict=True)
     ]
     # A threshold goes through the same drawing-in as the values, so that it keeps its place among them.
+    processes = [processes[0], *map(_of_measurements, processes[1:])]
     shown = [
         float(gp.outcomes.restore(gp.outcomes.standardise(np.array(h))))
         for gp, h in zip(processes[1:], thresholds, strict=True)
     ]
-    return Surrogate(processes[0], tuple(processes[1:]), np.array(shown), measured)
+    return Surrogate(processes[0], tuple(processes[1:]), np.array(shown))
 
 
 def with_completion(surrogate: Surrogate, inputs: FloatArray, start: SurrogateState | None) -> Surrogate:
@@ -273,7 +282,13 @@ def with_completion(surrogate: Surrogate, inputs: FloatArray, start: SurrogateSt
         surrogate,
         safety=(*surrogate.safety, process),
         thresholds=np.append(surrogate.thresholds, _COMPLETES),
+        completion=True,
     )
+
+
+def _of_measurements(gp: GaussianProcess) -> GaussianProcess:
+    """Where the noise is known, the process that predicts the next measurement."""
+    return gp if gp.relative_noise is None else replace(gp, predicted_noise=gp.hyper.noise_ratio)
 
 
 def _known(deviations: FloatArray) -> FloatArray | None:

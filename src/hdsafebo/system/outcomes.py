@@ -55,7 +55,9 @@ class Limit:
         at_least: a trial is unsafe below.
         at_most: a trial is unsafe above.
         unit: is shown.
-        noise: known standard deviation of one measurement; None lets the model find it.
+        noise: known standard deviation of one measurement, which is then counted in: it is the measured value
+            that is promised to keep the limit. None lets the model find the noise, and the promise is of the
+            quantity itself.
     """
 
     name: str
