@@ -18,6 +18,8 @@ from hdsafebo.typing import FloatArray
 
 _SLACK = 1e-9
 """Values outside a range by this share of its width are taken for rounding, and cut to the range."""
+_DIGITS = 12
+"""Significant digits of values on steps."""
 _ON_STEP = 1e-6
 """Values off the nearest step by this share of a step are taken for rounding."""
 
@@ -119,7 +121,8 @@ class Real:
             return values
         steps = np.floor((self.upper - self.lower) / self.spacing + _ON_STEP)
         landed = self.lower + np.clip(np.round((values - self.lower) / self.spacing), 0, steps) * self.spacing
-        return np.asarray(np.minimum(landed, self.upper))
+        digits = _DIGITS - int(np.floor(np.log10(max(abs(self.lower), abs(self.upper)))))
+        return np.asarray(np.minimum(np.round(landed, digits), self.upper))  # 0.6, not 0.6000000000000001
 
     def beside(self, value: float) -> list[float]:
         """The values one step away; none where every value can be set."""
@@ -128,7 +131,7 @@ class Real:
         around = self.land_values(
             np.clip([value - self.spacing, value + self.spacing], self.lower, self.upper)
         )
-        return [float(v) for v in around if v != value]
+        return [float(v) for v in around if abs(v - value) > _ON_STEP * self.spacing]
 
     def python(self, value: Any) -> float | int | str | bool:
         """A decoded value as plain Python."""
