@@ -43,8 +43,8 @@ class CmaEsSettings(CentreSettings):
     def _start_that_can_be_missing(self) -> CmaEsSettings:
         if self.start == "centre" and "empty_safe_set" in self.model_fields_set:
             raise ValueError(
-                f"empty_safe_set ({self.empty_safe_set!r}) has no meaning with start 'centre', which needs no "
-                "safe trial; give one of them"
+                f"empty_safe_set ({self.empty_safe_set!r}) has no meaning with start 'centre', which needs "
+                "no safe trial; give one of them"
             )
         return self
 
@@ -115,7 +115,7 @@ class CmaEs(Optimizer):
                 self._strategy = self._make_strategy(n)
             points = self._strategy.ask(n)
         self._sampled |= {first + i: point for i, point in enumerate(points)}
-        return np.stack(points)
+        return np.stack(points)[:, : self.space.dimension]
 
     def _tell(self, ids: list[int]) -> None:
         """Queue trials, and hand over the generations that are complete."""
@@ -159,7 +159,8 @@ class CmaEs(Optimizer):
         population = self.settings.population or (batch if batch >= _SMALLEST_BATCH else None)
         if population is not None:
             options["popsize"] = population
-        return cma.CMAEvolutionStrategy(self._mean, self.settings.step, options)
+        mean = np.resize(self._mean, max(len(self._mean), 2))  # pycma needs two; the second then does nothing
+        return cma.CMAEvolutionStrategy(mean, self.settings.step, options)
 
     def _first_mean(self) -> FloatArray:
         """(d,) where the search starts."""
