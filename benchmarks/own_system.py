@@ -2,7 +2,7 @@
 
 Unsafe trials are counted as measured (what a user sees) and as they truly are, without noise. The mixed system
 has a linear rule, the list a payload that is known per day: days heavier than any before are counted apart,
-and days on which the method abstained. CPU time is that of one `ask` with 100 trials known.
+and so are trials that were marked: nothing was believed safe, and the safest was left to a person. CPU time is that of one `ask` with 100 trials known.
 
     python benchmarks/own_system.py --write
 """
@@ -93,16 +93,20 @@ def crane(seed: int) -> dict[str, float]:
             heavier.append(payload)
             heaviest = payload
     on_heavier = [row for row in rows if row["payload"] in heavier]
+    promised = [row for row in on_heavier if not row["marked_unsafe"]]
+    marked = [row for row in rows if row["marked_unsafe"]]
     shares = [_share(rows, payload) for payload in payloads[-5:]]
     return {
         "trials": len(rows),
         "unsafe_measured": sum(not row["safe"] for row in rows),
         "unsafe_truly": sum(not _keeps_loaded(row) for row in rows),
         "trials_on_heavier_days": len(on_heavier),
-        "unsafe_measured_on_heavier_days": sum(not row["safe"] for row in on_heavier),
-        "unsafe_truly_on_heavier_days": sum(not _keeps_loaded(row) for row in on_heavier),
+        "promised_on_heavier_days": len(promised),
+        "promised_and_unsafe_measured": sum(not row["safe"] for row in promised),
+        "promised_and_unsafe_truly": sum(not _keeps_loaded(row) for row in promised),
+        "marked": len(marked),
+        "marked_and_unsafe_measured": sum(not row["safe"] for row in marked),
         "heavier_days": len(heavier),
-        "trials_not_suggested": 12 * DAYS - len(rows),
         "share_of_the_best_cycles_on_the_last_days": float(np.mean(shares)),
     }
 

@@ -8,7 +8,6 @@ import pandas as pd
 from plants import crane, crane_settings, crane_starts
 
 from hdsafebo import Limit, Objective, Real, Study, System
-from hdsafebo.errors import NoSafePointError
 
 SETTINGS = pd.DataFrame(crane_settings(np.random.default_rng(7)))
 SYSTEM = System(
@@ -28,15 +27,14 @@ SYSTEM = System(
 
 def main(payloads=(1.0, 1.4, 0.8, 2.1, 1.7, 2.6), per_day: int = 12, seed: int = 0) -> Study:
     rng = np.random.default_rng(seed)
-    study = Study(SYSTEM, alpha=0.95, seed=seed)
+    study = Study(SYSTEM, alpha=0.95, seed=seed, empty_safe_set="mark")
     study.observe(crane_starts(SETTINGS, 20, payloads[0], rng))
     for payload in payloads:
-        try:
-            for _ in range(per_day):
-                suggestion = study.ask(context={"payload": payload})
-                study.tell(suggestion, crane(suggestion.setting, payload, rng))
-        except NoSafePointError as reason:  # the first trials of such a day are a person's
-            print(payload, "kg:", reason)
+        for _ in range(per_day):
+            suggestion = study.ask(context={"payload": payload})
+            if suggestion.marked_unsafe:  # nothing is promised yet: the safest, for a person to decide
+                print(payload, "kg: safe with", round(suggestion.safe_probability, 3), suggestion.setting)
+            study.tell(suggestion, crane(suggestion.setting, payload, rng))
         print(payload, "kg:", study.best(context={"payload": payload}).believed)
     return study
 

@@ -19,7 +19,7 @@ from hdsafebo.typing import FloatArray
 _SLACK = 1e-9
 """Values outside a range by this share of its width are taken for rounding, and cut to the range."""
 _DIGITS = 12
-"""Significant digits of values on steps."""
+"""Significant digits of values that are shown, and of values on steps."""
 _ON_STEP = 1e-6
 """Values off the nearest step by this share of a step are taken for rounding."""
 
@@ -134,8 +134,8 @@ class Real:
         return [float(v) for v in around if abs(v - value) > _ON_STEP * self.spacing]
 
     def python(self, value: Any) -> float | int | str | bool:
-        """A decoded value as plain Python."""
-        return float(value)
+        """A decoded value as plain Python, with twelve digits: what was 6.88 in a table is 6.88 again."""
+        return min(max(float(f"{float(value):.{_DIGITS}g}"), self.lower), self.upper)
 
     def _scaled(self, value: Any) -> Any:
         return np.log(value) if self.log else np.asarray(value, float)
