@@ -1,8 +1,9 @@
-"""Three systems of `examples/` over several seeds: how often limits are broken, and how good the best becomes.
+"""Three systems of `examples/` over several seeds: how often limits are broken, how good the best becomes.
 
-Unsafe trials are counted as measured (what a user sees) and as they truly are, without noise. The mixed system
-has a linear rule, the list a payload that is known per day: days heavier than any before are counted apart,
-and so are trials that were marked: nothing was believed safe, and the safest was left to a person. CPU time is that of one `ask` with 100 trials known.
+Unsafe trials are counted as measured (what a user sees) and as they truly are, without noise. The mixed
+system has a linear rule, the list a payload that is known per day. Days heavier than any before are counted
+apart, and so are trials that were marked: nothing was believed safe, and the safest was left to a person. CPU
+time is that of one `ask` with 100 trials known.
 
     python benchmarks/own_system.py --write
 """
@@ -120,7 +121,9 @@ def _share(rows: list[dict[str, Any]], payload: float) -> float:
     settings = crane_payload.SETTINGS.to_dict("records")
     true = [plants.crane_truth(s, payload) for s in settings]
     optimum = max(t["cycles"] for t in true if keeps(crane_payload.SYSTEM, t))
-    day = [plants.crane_truth(r, payload)["cycles"] for r in rows if r["payload"] == payload and _keeps_loaded(r)]
+    day = [
+        plants.crane_truth(r, payload)["cycles"] for r in rows if r["payload"] == payload and _keeps_loaded(r)
+    ]
     return max(day, default=0.0) / optimum
 
 
@@ -140,16 +143,23 @@ def ask_seconds() -> list[float]:
 def import_seconds() -> float:
     """Wall time of `import hdsafebo` in a fresh interpreter, the least of five."""
     code = "import time; t = time.perf_counter(); import hdsafebo; print(time.perf_counter() - t)"
-    runs = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True) for _ in range(5)]
+    runs = [
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        for _ in range(5)
+    ]
     return min(float(run.stdout) for run in runs)
 
 
 def main() -> None:
     """Run all and print or write the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--only", choices=["gripper", "arm", "crane"], nargs="*", default=["gripper", "arm", "crane"])
+    parser.add_argument(
+        "--only", choices=["gripper", "arm", "crane"], nargs="*", default=["gripper", "arm", "crane"]
+    )
     parser.add_argument("--write", action="store_true", help=f"write {OUTPUT.name}")
     arguments = parser.parse_args()
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)

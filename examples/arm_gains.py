@@ -1,6 +1,6 @@
 """Twelve gains of an arm, two limits, and three robots of different speed that share one study.
 
-    python examples/arm_gains.py [FOLDER]
+python examples/arm_gains.py [FOLDER]
 """
 
 import heapq

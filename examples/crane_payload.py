@@ -1,7 +1,4 @@
-"""A list of 500 stored settings, and a payload that is known each day and not chosen.
-
-    python examples/crane_payload.py
-"""
+"""A list of 500 stored settings, and a payload that is known each day and not chosen."""
 
 import numpy as np
 import pandas as pd

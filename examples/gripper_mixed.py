@@ -1,7 +1,4 @@
-"""Numbers, whole numbers and a choice; a linear rule that always holds; known noise; starts from a CSV file.
-
-    python examples/gripper_mixed.py
-"""
+"""Numbers, whole numbers and a choice; a rule that always holds; known noise; starts from a CSV file."""
 
 from pathlib import Path
 
@@ -22,7 +19,10 @@ SYSTEM = System(
         Choice("pad", ["soft", "ribbed", "hard"]),
     ],
     objective=Objective("error", "minimise", unit="mm", noise=0.1),
-    limits=[Limit("temperature", at_most=60, unit="C", noise=0.5), Limit("grip", at_least=2, unit="N", noise=0.1)],
+    limits=[
+        Limit("temperature", at_most=60, unit="C", noise=0.5),
+        Limit("grip", at_least=2, unit="N", noise=0.1),
+    ],
     constraints=["2*pulses + rest <= 14"],
 )
 

@@ -1,4 +1,4 @@
-"""Stand-ins for hardware, so that the examples run anywhere. Each takes settings by name and returns measurements.
+"""Stand-ins for hardware, so that the examples run anywhere: settings by name in, measurements out.
 
 Replace a call by your own system; nothing else in an example changes.
 """
@@ -49,7 +49,9 @@ def gripper_truth(s: Mapping[str, Any]) -> dict[str, float]:
     pulses, rest, pad = s["pulses"], s["rest"], s["pad"]
     error = 1.0 + (np.log(f) - 3.6) ** 2 / 3 + (current - 18) ** 2 / 30 + (angle - 8) ** 2 / 300
     error += 0.35 * abs(pulses - 5) + 0.15 * abs(rest - 3) + {"soft": 1.0, "ribbed": 0.0, "hard": 0.6}[pad]
-    heat = 24 + 1.5 * current + 0.09 * f + 1.6 * pulses - 1.2 * rest + {"soft": 0, "ribbed": 3, "hard": 7}[pad]
+    heat = (
+        24 + 1.5 * current + 0.09 * f + 1.6 * pulses - 1.2 * rest + {"soft": 0, "ribbed": 3, "hard": 7}[pad]
+    )
     grip = 1 + 0.22 * current + 0.25 * pulses - 0.0025 * angle**2 - 0.15 * rest
     grip += {"soft": -0.3, "ribbed": 0.2, "hard": 0.5}[pad]
     return {"error": float(error), "temperature": float(heat), "grip": float(grip)}

@@ -106,7 +106,7 @@ class CandidateSet(Protocol):
 
 @runtime_checkable
 class ContextualSet(CandidateSet, Protocol):
-    """A finite set of what can be chosen, whose inputs and features have the contexts of the moment as well."""
+    """A finite set of what can be chosen; its inputs and features have the contexts of the moment, too."""
 
     def hold(self, context: FloatArray, /) -> None:
         """Take the (c,) context columns as known from now on."""
@@ -210,8 +210,8 @@ def check_problem(problem: Problem) -> None:
         )
     if bounds.shape == (2, 2) and (bounds[0] == bounds[1]).any() and (bounds[:, 0] < bounds[:, 1]).all():
         raise ProblemError(
-            f"bounds of {problem.name!r} are {bounds.tolist()}, which look like a pair of limits per dimension; "
-            f"expected all lower limits, then all upper ones: {bounds.T.tolist()}"
+            f"bounds of {problem.name!r} are {bounds.tolist()}, which look like a pair of limits per "
+            f"dimension; expected all lower limits, then all upper ones: {bounds.T.tolist()}"
         )
     if not any(s.modelled for s in problem.safety):
         raise ProblemError(f"problem {problem.name!r} has no modelled safety function; expected at least one")
@@ -227,14 +227,14 @@ def _check_noise(problem: Problem) -> None:
     noise = np.asarray(problem.noise, float)
     if noise.shape != (1 + len(problem.safety),) or (noise <= 0).any() or np.isinf(noise).any():
         raise ProblemError(
-            f"noise of {problem.name!r} is {noise.tolist()}; expected {1 + len(problem.safety)} positive standard "
-            "deviations, of the objective and of each safety function, NaN where unknown"
+            f"noise of {problem.name!r} is {noise.tolist()}; expected {1 + len(problem.safety)} positive "
+            "standard deviations, of the objective and of each safety function, NaN where unknown"
         )
     for safety, known in zip(problem.safety, np.isfinite(noise[1:]), strict=True):
         if known and safety.transform is not None:
             raise ProblemError(
-                f"safety function {safety.name!r} of {problem.name!r} has a transform, and a known noise in the "
-                "units before it; give one of the two"
+                f"safety function {safety.name!r} of {problem.name!r} has a transform, and a known noise in "
+                "the units before it; give one of the two"
             )
 
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from hdsafebo.errors import TrialError
 from hdsafebo.typing import FloatArray, IntArray
 
-
 _SHOWN, _COLUMNS = 8, 6
 """Trials and columns of the input that the text of a table shows."""
 
@@ -96,7 +95,8 @@ class Trials:
             )
             result = f"{Status(shown.status[i]).name.lower()}"
             if shown.completed[i]:
-                result = f"objective {shown.objective[i]:.5g}, safety {', '.join(f'{v:.4g}' for v in shown.safety[i])}"
+                safety = ", ".join(f"{v:.4g}" for v in shown.safety[i])
+                result = f"objective {shown.objective[i]:.5g}, safety {safety}"
             probability = shown.predicted_safe_probability[i]
             believed = "" if np.isnan(probability) else f", believed safe with {probability:.3f}"
             marked = ", MARKED UNSAFE" if shown.marked_unsafe[i] else ""

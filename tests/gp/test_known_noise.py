@@ -62,9 +62,13 @@ def test_density_is_maximal_at_the_fit() -> None:
 def test_a_warm_start_keeps_the_noise_known() -> None:
     x, y, e = data()
     sd = np.full(40, 0.2)
-    first = fit_surrogate(x[:30], y[:30] + sd[:30] * e[:30], y[:30, None], np.zeros(1), known_noise=np.full((30, 2), 0.2))
+    first = fit_surrogate(
+        x[:30], y[:30] + sd[:30] * e[:30], y[:30, None], np.zeros(1), known_noise=np.full((30, 2), 0.2)
+    )
     state = SurrogateState.from_json(first.state.to_json())
-    then = fit_surrogate(x, y + sd * e, y[:, None], np.zeros(1), start=state, known_noise=np.full((40, 2), 0.2))
+    then = fit_surrogate(
+        x, y + sd * e, y[:, None], np.zeros(1), start=state, known_noise=np.full((40, 2), 0.2)
+    )
     assert then.objective.hyper.noise_ratio * then.objective.signal_deviation**2 == pytest.approx(0.04)
 
 
@@ -82,7 +86,9 @@ def test_where_noise_is_known_the_next_measurement_is_predicted() -> None:
     rng = np.random.default_rng(3)
     x = rng.random((150, 1))
     g = 2 * x[:, 0] - 1
-    made = fit_surrogate(x, g, (g + 0.5 * rng.standard_normal(150))[:, None], np.zeros(1), known_noise=np.full((150, 2), 0.5))
+    made = fit_surrogate(
+        x, g, (g + 0.5 * rng.standard_normal(150))[:, None], np.zeros(1), known_noise=np.full((150, 2), 0.5)
+    )
     q = np.array([[0.5], [0.75], [0.95]])
     measured = 2 * q - 1 + 0.5 * rng.standard_normal((3, 20_000))
     np.testing.assert_allclose(made.safe_probability(q), (measured >= 0).mean(axis=1), atol=0.08)

@@ -30,10 +30,11 @@ def test_texts(text: str, coefficients: dict, limits: tuple) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["a*b <= 1", "a", "a <", "a < b < c", "f(a) <= 1", "a**2 <= 4", "a != 1", "'a' <= 1", "a or b", ""]
+    "text",
+    ["a*b <= 1", "a", "a <", "a < b < c", "f(a) <= 1", "a**2 <= 4", "a != 1", "'a' <= 1", "a or b", ""],
 )
 def test_texts_that_are_no_linear_comparison(text: str) -> None:
-    with pytest.raises(DescriptionError, match="is not understood; expected|is not understood .*expected"):
+    with pytest.raises(DescriptionError, match=r"is not understood.*; expected a form"):
         Linear.parse(text)
 
 
@@ -42,7 +43,12 @@ def test_texts_that_are_no_linear_comparison(text: str) -> None:
 def test_every_landed_point_meets_every_constraint(seed: int) -> None:
     """Random constraints that leave room: all of them hold at one setting."""
     rng = np.random.default_rng(seed)
-    inside = {"a": float(rng.uniform(1, 9)), "f": float(rng.uniform(1, 60)), "n": int(rng.integers(0, 10)), "s": 1.5}
+    inside = {
+        "a": float(rng.uniform(1, 9)),
+        "f": float(rng.uniform(1, 60)),
+        "n": int(rng.integers(0, 10)),
+        "s": 1.5,
+    }
     constraints = []
     for _ in range(int(rng.integers(1, 4))):
         names = rng.choice(list(inside), int(rng.integers(1, 5)), replace=False)
@@ -50,7 +56,9 @@ def test_every_landed_point_meets_every_constraint(seed: int) -> None:
         left = sum(w * inside[n] for n, w in weights.items())
         room = float(rng.exponential(2.0)) + 0.01
         constraints.append(
-            Linear(weights, at_most=left + room) if rng.random() < 0.5 else Linear(weights, at_least=left - room)
+            Linear(weights, at_most=left + room)
+            if rng.random() < 0.5
+            else Linear(weights, at_least=left - room)
         )
     feasible = Feasible(constraints, PARAMETERS)
     raw = rng.uniform(feasible.lower, feasible.upper, (200, 4))

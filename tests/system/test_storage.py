@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from system.small import box_starts, box_system, mixed_starts, mixed_system, run_box, run_mixed
 
 from hdsafebo import Limit, Study
 from hdsafebo.errors import ParamsError
 from hdsafebo.system.errors import StudyError
+from system.small import box_starts, box_system, mixed_starts, mixed_system, run_box, run_mixed
 
 _WORKER = """
 import sys
@@ -79,7 +79,12 @@ def test_two_handles_take_turns(tmp_path: Path) -> None:
 def test_processes_share_a_study(tmp_path: Path, project_root: Path) -> None:
     begun(tmp_path / "s")
     workers = [start(tmp_path / "s", 4, project_root) for _ in range(3)]
-    told = [line.split()[1] for worker in workers for line in worker.communicate(timeout=300)[0].splitlines() if "told" in line]
+    told = [
+        line.split()[1]
+        for worker in workers
+        for line in worker.communicate(timeout=300)[0].splitlines()
+        if "told" in line
+    ]
     assert all(worker.returncode == 0 for worker in workers)
     table = Study.open(tmp_path / "s").to_dataframe()
     assert sorted(map(int, told)) == list(range(8, 20))

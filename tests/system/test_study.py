@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+
+from hdsafebo import Limit, Objective, Real, Study
+from hdsafebo.errors import NoSafePointError, ParamsError, ProblemError, TrialError
+from hdsafebo.system.errors import DescriptionError, TableError
 from system.small import (
     box_starts,
     box_study,
@@ -14,10 +18,6 @@ from system.small import (
     run_box,
     run_mixed,
 )
-
-from hdsafebo import Limit, Objective, Real, Study
-from hdsafebo.errors import NoSafePointError, ParamsError, ProblemError, TrialError
-from hdsafebo.system.errors import DescriptionError, TableError
 
 
 @pytest.fixture
@@ -109,7 +109,10 @@ def test_failed_trials_need_no_fillers_and_teach() -> None:
     assert study.predict(before.setting)["safe_probability"][0] < 0.5
     far = box_starts(12)[0]
     assert study.predict({"a": far["a"], "b": far["b"]})["safe_probability"][0] > 0.9
-    distance = [abs(s.setting["a"] - before.setting["a"]) + abs(s.setting["b"] - before.setting["b"]) for s in [study.ask()]]
+    distance = [
+        abs(s.setting["a"] - before.setting["a"]) + abs(s.setting["b"] - before.setting["b"])
+        for s in [study.ask()]
+    ]
     assert distance[0] > 1e-3
 
     ignoring = Study(box_system(failures="ignored"), alpha=0.95)
@@ -247,7 +250,9 @@ def test_methods_that_cannot_hold_contexts_say_so(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["hdsafebo", "linebo", "scbo", "cei", "cmaes", "sobol"])
 def test_every_method_lands_where_it_can_be_run(method: str) -> None:
-    study = Study(mixed_system(contexts=()), method=method, **({"alpha": 0.9} if method == "hdsafebo" else {}))
+    study = Study(
+        mixed_system(contexts=()), method=method, **({"alpha": 0.9} if method == "hdsafebo" else {})
+    )
     study.observe([{k: v for k, v in r.items() if k != "load"} for r in mixed_starts()])
     asked = study.ask(3)
     assert (3 * asked["pulses"] + asked["angle"] <= 40).all()
@@ -271,7 +276,10 @@ def test_settings_are_checked() -> None:
         (lambda s: s.tell(0, {"error": 1, "heat": np.nan, "grip": 3}), "heat is nan; .* told as failed"),
         (lambda s: s.tell(0, {"error": 1, "heat": "hot", "grip": 3}), "heat is 'hot'"),
         (lambda s: s.tell(0), "results are missing; expected error, heat, grip"),
-        (lambda s: s.tell(0, {"error": 1, "heat": 2, "grip": 3}, failed=True), "a failed trial has no results"),
+        (
+            lambda s: s.tell(0, {"error": 1, "heat": 2, "grip": 3}, failed=True),
+            "a failed trial has no results",
+        ),
         (lambda s: s.tell(0, {"error": 1, "heat": 2, "grip": 3}, ran={"pulses": 9}), "pulses is 9"),
         (lambda s: s.tell(0, {"error": 1, "heat": 2, "grip": 3}, ran={"plses": 2}), "ran has 'plses'"),
         (lambda s: s.tell(0, {"error": 1, "heat": 2, "grip": 3}, noise={"heat": 0}), "heat_noise is 0"),

@@ -63,8 +63,8 @@ class GaussianProcess:
         weights: (n,) solution of (k + ratio * 1) w = values - m.
         relative_noise: (n,) noise variances of the data over their mean, where they are known and may differ;
             `ratio` is then that of the mean, times this on the diagonal.
-        predicted_noise: variance of one measurement over the signal variance, added to predicted variances when
-            predictions are of what will be measured; 0 when they are of the function.
+        predicted_noise: variance of one measurement over the signal variance, added to predicted variances
+            when predictions are of what will be measured; 0 when they are of the function.
     """
 
     inputs: FloatArray
@@ -103,7 +103,7 @@ class GaussianProcess:
         return self.outcomes.restore(self.mean + self.correlation(x) @ self.weights)
 
     def predict(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(k,) posterior means and deviations at (k, p) kernel inputs, without noise but `predicted_noise`."""
+        """(k,) posterior means and deviations at (k, p) kernel inputs; of noise, `predicted_noise` alone."""
         k = self.correlation(x)
         return self.outcomes.restore(self.mean + k @ self.weights), self.deviation(k)
 

@@ -50,7 +50,13 @@ class HdSafeBOSampler(BaseSampler):
     def infer_relative_search_space(
         self, study: OptunaStudy, trial: FrozenTrial
     ) -> dict[str, BaseDistribution]:
-        """The parameters of all trials so far; none for a trial that was enqueued with its values."""
+        """The parameters of all trials so far; none for a trial that was enqueued with its values.
+
+        Raises:
+            DescriptionError: the study has several objectives.
+        """
+        if len(study.directions) != 1:
+            raise DescriptionError(f"the study has {len(study.directions)} objectives; expected one")
         if "fixed_params" in trial.system_attrs:
             return {}
         return {n: d for n, d in self._space.calculate(study).items() if not d.single()}
@@ -62,12 +68,10 @@ class HdSafeBOSampler(BaseSampler):
 
         Raises:
             NoSafePointError: nothing is known or believed to be safe.
-            DescriptionError: the study has several objectives, or a distribution has no counterpart here.
+            DescriptionError: a distribution has no counterpart here, or a trial lacks a limit.
         """
         if not search_space:
             return {}
-        if len(study.directions) != 1:
-            raise DescriptionError(f"the study has {len(study.directions)} objectives; expected one")
         trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.FAIL))
         trials = [t for t in trials if set(search_space) <= set(t.params)]
         ours = self._follow(study, search_space, trials)
@@ -84,8 +88,9 @@ class HdSafeBOSampler(BaseSampler):
                 return param_distribution.choices[0]
             return param_distribution.low  # type: ignore[attr-defined]
         raise NoSafePointError(
-            f"parameter {param_name!r} was not part of all earlier trials, so nothing is known to be safe; enqueue "
-            "safe trials first: study.enqueue_trial({name: value, ...}), with a value for every parameter"
+            f"parameter {param_name!r} was not part of all earlier trials, so nothing is known to be safe; "
+            "enqueue safe trials first: study.enqueue_trial({name: value, ...}), with a value for every "
+            "parameter"
         )
 
     def _follow(
@@ -95,8 +100,8 @@ class HdSafeBOSampler(BaseSampler):
         names = sorted({name for t in trials for name in t.constraints})
         if not names:
             raise NoSafePointError(
-                "no trial has reported a limit; call trial.set_constraint(name, value) in the objective function, "
-                "with a value of at most 0 when the limit is kept"
+                "no trial has reported a limit; call trial.set_constraint(name, value) in the objective "
+                "function, with a value of at most 0 when the limit is kept"
             )
         system = System(
             study.study_name[:64],
@@ -128,8 +133,8 @@ class HdSafeBOSampler(BaseSampler):
         missing = [name for name in names if name not in trial.constraints]
         if missing:
             raise DescriptionError(
-                f"trial {trial.number} has not reported {', '.join(missing)}; every trial reports every limit "
-                "with trial.set_constraint"
+                f"trial {trial.number} has not reported {', '.join(missing)}; every trial reports every "
+                "limit with trial.set_constraint"
             )
         assert trial.value is not None
         return {_OBJECTIVE: trial.value} | {name: trial.constraints[name] for name in names}

@@ -149,9 +149,9 @@ class Optimizer(ABC):
         promised = alpha_of(settings.confidence)
         if promised < 0.5:
             warnings.warn(
-                f"{self.name} takes beta = {settings.confidence:g}, as published, which promises each trial a safe "
-                f"probability of {promised:.2g} and no more; pass alpha (such as 0.95), or beta to choose it, or "
-                "use hdsafebo_local",
+                f"{self.name} takes beta = {settings.confidence:g}, as published, which promises each trial "
+                f"a safe probability of {promised:.2g} and no more; pass alpha (such as 0.95), or beta to "
+                "choose it, or use hdsafebo_local",
                 OptimisticWarning,
                 stacklevel=4,
             )

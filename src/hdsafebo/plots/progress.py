@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def progress(study: Study) -> Figure:
-    """The objective of each trial with the best safe one so far, and each limited quantity with its limits."""
+    """The objective of each trial, the best safe one so far, and each limited quantity with its limits."""
     system, table = study.system, done(study.to_dataframe())
     limits = system.limits
     figure = new_figure(7.0, 2.6 + 1.5 * len(limits))

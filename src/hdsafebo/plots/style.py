@@ -1,4 +1,4 @@
-"""What the figures share: colours that colour-blind readers tell apart, labels with units, marks of trials."""
+"""What the figures share: colours that all readers tell apart, labels with units, marks of trials."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ SAFE_PROBABILITY = "safe_probability"
 _SQRT_2PI = np.sqrt(2.0 * np.pi)
 _SPREAD = 2048
 _NEAR = (512, 0.1)
-"""Number and standard deviation, in the box, of the points around the best trial at which a gain is sought."""
+"""Number and standard deviation, in the box, of points around the best trial where a gain is sought."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Between the user's values and the box [0, 1]^D that optimisers search.
 
-The columns of the box are those of the parameters, then those of the contexts. Where a point of the box can be
-run, decoding and encoding it gives the same point.
+The columns of the box are those of the parameters, then those of the contexts. Where a point of the box can
+be run, decoding and encoding it gives the same point.
 """
 
 from __future__ import annotations

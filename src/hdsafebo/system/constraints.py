@@ -59,8 +59,8 @@ class Linear:
             finite(getattr(self, key), f"constraint {self.left}: {key}")
         if not given or ("equals" in given and len(given) > 1):
             raise DescriptionError(
-                f"constraint {self.left} has {' and '.join(given) or 'no limit'}; expected at_most, at_least, "
-                "both of these, or equals"
+                f"constraint {self.left} has {' and '.join(given) or 'no limit'}; expected at_most, "
+                "at_least, both of these, or equals"
             )
 
     @classmethod

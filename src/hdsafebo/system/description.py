@@ -147,10 +147,7 @@ class System:
         from hdsafebo.files.yaml import read_mapping
 
         path = Path(path)
-        if path.suffix == ".json":
-            data = read_json(path)
-        else:
-            data = read_mapping(path, DescriptionError)
+        data = read_json(path) if path.suffix == ".json" else read_mapping(path, DescriptionError)
         if isinstance(data.get("settings"), str):
             data["settings"] = read_settings(path.parent / data["settings"])
         return cls.from_dict(data, source=str(path))
@@ -265,8 +262,7 @@ def _columns(table: Any, inputs: Sequence[str], contexts: Sequence[Parameter]) -
         raise DescriptionError(
             f"settings have columns of {sorted(lengths)} rows; expected one length above 0"
         )
-    plain = {n: [v.item() if hasattr(v, "item") else v for v in columns[n]] for n in wanted}
-    return plain
+    return {n: [v.item() if hasattr(v, "item") else v for v in columns[n]] for n in wanted}
 
 
 def _plain(part: Any) -> dict[str, Any]:

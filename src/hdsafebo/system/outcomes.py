@@ -1,6 +1,6 @@
 """Outcomes: the objective, and the measured quantities that must keep to limits.
 
-Optimisers maximise, and keep safety values at or above thresholds. The signs are turned here and nowhere else.
+Optimisers maximise, and keep safety values at or above thresholds. Signs are turned here and nowhere else.
 """
 
 from __future__ import annotations

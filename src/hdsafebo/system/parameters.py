@@ -150,9 +150,8 @@ class Integer(Real):
     def __post_init__(self) -> None:
         super().__post_init__()
         what = f"parameter {self.name!r}"
-        if self.step not in (None, 1):
-            if float(self.step) != int(self.step):  # type: ignore[arg-type]
-                raise DescriptionError(f"{what}: step is {self.step:g}; expected a whole number")
+        if self.step is not None and float(self.step) != int(self.step):
+            raise DescriptionError(f"{what}: step is {self.step:g}; expected a whole number")
         for end, value in (("lower", self.lower), ("upper", self.upper)):
             if float(value) != int(value):
                 raise DescriptionError(f"{what}: {end} is {value:g}; expected a whole number")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from optimizers.toy import Halving, Rows
 
 from hdsafebo import FunctionProblem, HdSafeBOLocal, Safety, make_optimizer
 from hdsafebo.errors import ProblemError, TrialError
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.trials import Status
 from hdsafebo.typing import FloatArray
+from optimizers.toy import Halving, Rows
 
 HOLDING = ["hdsafebo", "hdsafebo_local", "linebo"]
 
@@ -89,7 +89,9 @@ def test_bad_contexts_are_named(context, message: str) -> None:
 
 
 def test_what_cannot_hold_contexts_says_so() -> None:
-    with pytest.raises(ProblemError, match="'scbo' would choose the contexts of 'contextual'.*hdsafebo_local"):
+    with pytest.raises(
+        ProblemError, match=r"'scbo' would choose the contexts of 'contextual'.*hdsafebo_local"
+    ):
         make_optimizer("scbo", contextual())
     with pytest.raises(ProblemError, match="cannot be searched through an embedding"):
         HdSafeBOLocal(contextual(), embedding=Halving())
@@ -100,7 +102,9 @@ def test_what_cannot_hold_contexts_says_so() -> None:
 
 
 def test_what_was_really_run_replaces_what_was_asked() -> None:
-    problem = FunctionProblem(lambda x: (x.sum(1), 1 - x), [[0.0, 0.0], [1.0, 1.0]], [Safety("a", 0.0), Safety("b", 0.0)])
+    problem = FunctionProblem(
+        lambda x: (x.sum(1), 1 - x), [[0.0, 0.0], [1.0, 1.0]], [Safety("a", 0.0), Safety("b", 0.0)]
+    )
     optimizer = HdSafeBOLocal(problem, seed=0)
     x = np.random.default_rng(0).random((10, 2)) * 0.5
     optimizer.observe(x, *problem.function(x))
@@ -118,14 +122,16 @@ def test_what_was_really_run_replaces_what_was_asked() -> None:
     optimizer.tell(trials.id, *problem.function(ran), x=ran)  # the same once more
     with pytest.raises(TrialError, match="told before with another x"):
         optimizer.tell(trials.id, *problem.function(ran), x=ran * 0.5)
-    with pytest.raises(TrialError, match="x is 1.7 in row 0, column 1; expected 0 to 1"):
+    with pytest.raises(TrialError, match=r"x is 1\.7 in row 0, column 1; expected 0 to 1"):
         optimizer.tell(optimizer.ask(1), [0.0], [[0.0, 0.0]], x=[[0.5, 1.7]])
 
 
 def test_points_outside_the_bounds_are_refused() -> None:
     problem = contextual()
     optimizer = HdSafeBOLocal(problem)
-    with pytest.raises(TrialError, match="x is -0.1 in row 1, column 2; expected 0 to 1, the bounds of 'contextual'"):
+    with pytest.raises(
+        TrialError, match=r"x is -0\.1 in row 1, column 2; expected 0 to 1, the bounds of 'contextual'"
+    ):
         optimizer.observe([[0.1, 0.1, 0.1], [0.1, 0.1, -0.1]], [0, 0], [0, 0])
     assert len(optimizer.trials) == 0
     optimizer.observe([[0.1, 0.1, 1.0 + 1e-12]], [0.0], [0.0])  # rounding
@@ -164,7 +170,9 @@ def test_failures_teach_where_the_problem_says_so() -> None:
 
 
 def test_bounds_given_as_pairs_are_refused() -> None:
-    with pytest.raises(ProblemError, match=r"a pair of limits per dimension; expected .*\[\[0.0, 0.0\], \[1.0, 5.0\]\]"):
+    with pytest.raises(
+        ProblemError, match=r"a pair of limits per dimension; expected .*\[\[0.0, 0.0\], \[1.0, 5.0\]\]"
+    ):
         FunctionProblem(function, [[0, 1], [0, 5]])
     with pytest.raises(ProblemError, match="all lower limits, then all upper ones"):
         FunctionProblem(function, [[0, 1], [0, 5], [0, 1]])

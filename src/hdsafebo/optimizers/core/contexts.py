@@ -14,13 +14,12 @@ from hdsafebo.problem import Codec, ContextualSet, Problem
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
 
-
 _REACHED = 10
 """Trials at least as far out after which a context counts as known."""
 _NOVEL = 4.0
-"""By how much beta is lower under contexts that no trial has reached. What contexts do is not known before two
-were tried: the model then takes it for as little as the settings do, and was wrong by four to six of its own
-standard deviations on the development problem of `benchmarks/own_system.py`."""
+"""By how much beta is lower under contexts that no trial has reached. What a context does is not known before
+two of them were tried: the model takes it for as little as the settings do, and was wrong by four to six of
+its own standard deviations on the list of `benchmarks/own_system.py`."""
 
 
 def novel_beta(beta: float, trials: Trials, columns: Sequence[int], context: FloatArray) -> float:
@@ -48,8 +47,8 @@ def check_able(method: str, holds_contexts: bool, problem: Problem, embedding: C
         return
     if not holds_contexts:
         raise ProblemError(
-            f"method {method!r} would choose the contexts of {problem.name!r}, which are known before a trial; "
-            "methods that hold contexts: hdsafebo_local, hdsafebo, linebo"
+            f"method {method!r} would choose the contexts of {problem.name!r}, which are known before a "
+            "trial; methods that hold contexts: hdsafebo_local, hdsafebo, linebo"
         )
     if problem.candidates is not None and not isinstance(problem.candidates, ContextualSet):
         raise ProblemError(

@@ -90,8 +90,8 @@ def check_within(problem: Problem, points: FloatArray) -> None:
     slack = _SLACK * np.maximum(upper - lower, np.maximum(np.abs(lower), np.abs(upper)))
     for i, j in np.argwhere((points < lower - slack) | (points > upper + slack))[:1]:
         raise TrialError(
-            f"x is {points[i, j]:.10g} in row {i}, column {j}; expected {lower[j]:.10g} to {upper[j]:.10g}, the "
-            f"bounds of {problem.name!r}"
+            f"x is {points[i, j]:.10g} in row {i}, column {j}; expected {lower[j]:.10g} to {upper[j]:.10g}, "
+            f"the bounds of {problem.name!r}"
         )
 
 
@@ -107,7 +107,8 @@ def check_noise(problem: Problem, noise: ArrayLike | None, n: int) -> FloatArray
     table = as_numbers(noise, "noise")
     if table.shape != (n, columns):
         raise TrialError(
-            f"noise has shape {table.shape}; expected ({n}, {columns}), of the objective and of each safety function"
+            f"noise has shape {table.shape}; expected ({n}, {columns}), of the objective and of each safety "
+            "function"
         )
     bad = np.argwhere((table <= 0) | np.isinf(table))
     for i, j in bad[:1]:

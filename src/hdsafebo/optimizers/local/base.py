@@ -126,7 +126,7 @@ class RegionSearch(LocalSearch):
         """Row of the best feasible trial among those that count and are believed safe; None without one.
 
         Around a trial that was safe by luck or by less than the noise, little is believed safe. After a
-        restart the best feasible trial will do. Under contexts that change, the optimiser's own choice counts.
+        restart the best feasible trial will do. Under contexts the optimiser's own choice counts.
         """
         if self.optimizer.problem.contexts:
             return None

@@ -36,8 +36,8 @@ class HdSafeBOLocal(SearchingOptimizer):
         super().__init__(*args, **kwargs)
         if self.settings.restarts is not None and not self._continuous:
             raise ParamsError(
-                f"method {self.name!r}: setting 'restarts' is of continuous spaces; {self.problem.name!r} has a "
-                "finite candidate set, points that cannot be run, or contexts"
+                f"method {self.name!r}: setting 'restarts' is of continuous spaces; {self.problem.name!r} "
+                "has a finite candidate set, points that cannot be run, or contexts"
             )
         self._restarts: Restarts | None = None
 

@@ -23,7 +23,7 @@ _CENTRAL = 768
 _BESIDE = 768
 """Points around its neighbours, shared by all of them."""
 _RADII = (0.01, 1.0)
-"""Distances of points from where they are drawn around, in radii of the region, spread evenly in logarithm."""
+"""Distances of points from what they are drawn around, in radii of the region, even in logarithm."""
 _FEW = 3
 """Half of the points differ in at most so many columns: most of what made the centre good stays."""
 _SAME = 1e-9
