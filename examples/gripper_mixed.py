@@ -19,10 +19,7 @@ SYSTEM = System(
         Choice("pad", ["soft", "ribbed", "hard"]),
     ],
     objective=Objective("error", "minimise", unit="mm", noise=0.1),
-    limits=[
-        Limit("temperature", at_most=60, unit="C", noise=0.5),
-        Limit("grip", at_least=2, unit="N", noise=0.1),
-    ],
+    limits=[Limit("temperature", at_most=60, unit="C", noise=0.5), Limit("grip", at_least=2, noise=0.1)],
     constraints=["2*pulses + rest <= 14"],
 )
 
