@@ -8,6 +8,7 @@ import signal
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import campaign_toys as toys
 import numpy as np

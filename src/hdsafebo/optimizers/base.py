@@ -7,6 +7,7 @@ predicted for, the point that will really be evaluated.
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -18,8 +19,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hdsafebo.errors import NoSafePointError, TrialError
+from hdsafebo.errors import NoSafePointError, OptimisticWarning, TrialError
 from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior
+from hdsafebo.gp.safe_set import alpha_of
 from hdsafebo.gp.surrogate import (
     DistanceCache,
     Surrogate,
@@ -27,20 +29,37 @@ from hdsafebo.gp.surrogate import (
     fit_surrogate,
     modelled_safety,
     modelled_thresholds,
+    with_completion,
 )
+from hdsafebo.optimizers.core.contexts import check_able, checked_context, in_context, novel_beta
 from hdsafebo.optimizers.core.fits import FitCounts, Fits
 from hdsafebo.optimizers.core.ledger import Ledger
 from hdsafebo.optimizers.core.nearest_trials import rows_near_best
 from hdsafebo.optimizers.core.persistence import load_optimizer, save_optimizer
 from hdsafebo.optimizers.core.proposal import Proposal, candidates_left, encode, realise
-from hdsafebo.optimizers.core.results import check_points, check_results, check_rows
+from hdsafebo.optimizers.core.results import (
+    check_noise,
+    check_points,
+    check_results,
+    check_rows,
+    check_within,
+)
 from hdsafebo.optimizers.core.transaction import all_or_nothing, one_at_a_time
-from hdsafebo.optimizers.settings import CentreSettings, ModelSettings, OptimizerSettings, check_settings
-from hdsafebo.problem import Codec, Problem, check_problem
+from hdsafebo.optimizers.settings import (
+    CentreSettings,
+    ModelSettings,
+    OptimizerSettings,
+    SafeSetSettings,
+    check_settings,
+    constructor_signature,
+)
+from hdsafebo.problem import Codec, ContextualSet, Problem, check_problem
 from hdsafebo.search.space import SearchSpace
-from hdsafebo.trials import Trials
+from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
+_FEW_TRIALS = 8
+"""Trials that tell whether kernel inputs are codes."""
 _ATTEMPTS = 20
 """Proposals after which a method abstains when none of them is believed safe where it would be evaluated."""
 
@@ -65,6 +84,8 @@ class Optimizer(ABC):
         consults_model: the method has the settings of the Gaussian processes (`ModelSettings`), and says of
             each trial what they believe.
         uses_initial_data: False for methods that ask for initial trials of their own.
+        holds_contexts: True for methods that choose and judge points under the contexts of the moment: they
+            pass what they choose from through `space.pinned`, or leave the context columns alone.
         settings: the checked settings.
         rng: the only source of randomness.
         round: number of rounds asked so far.
@@ -79,9 +100,11 @@ class Optimizer(ABC):
     Settings: ClassVar[type[OptimizerSettings]] = OptimizerSettings
     consults_model: ClassVar[bool] = False
     uses_initial_data: ClassVar[bool] = True
+    holds_contexts: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
         cls.consults_model = issubclass(cls.Settings, ModelSettings)
+        cls.__signature__ = constructor_signature(Optimizer.__init__, cls.Settings)  # type: ignore[attr-defined]
 
     def __init__(
         self,
@@ -93,14 +116,17 @@ class Optimizer(ABC):
         **settings: Any,
     ) -> None:
         check_problem(problem)
+        check_able(self.name, self.holds_contexts, problem, embedding)
         self.problem = problem
         self.embedding = embedding
         self.settings = check_settings(type(self).Settings, self.name, settings)
+        self._say_what_is_promised()
         self.rng = np.random.default_rng(seed)
         self.round = 0
         self._space: SearchSpace | None = None
         if bounds is not None or embedding is None:
             self._space = self.make_space(problem.bounds if bounds is None else np.asarray(bounds, float))
+        self._context = np.zeros(len(problem.contexts))
         self._ledger = Ledger(
             problem, problem.bounds.shape[1] if self._space is None else self._space.dimension
         )
@@ -114,6 +140,21 @@ class Optimizer(ABC):
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self._lock = RLock()  # a copy is used on its own
+
+    def _say_what_is_promised(self) -> None:
+        """Warn where a default promises less than an even chance of being safe, unless it was chosen."""
+        settings = self.settings
+        if not isinstance(settings, SafeSetSettings) or settings.model_fields_set & {"alpha", "beta"}:
+            return
+        promised = alpha_of(settings.confidence)
+        if promised < 0.5:
+            warnings.warn(
+                f"{self.name} takes beta = {settings.confidence:g}, as published, which promises each trial "
+                f"a safe probability of {promised:.2g} and no more; pass alpha (such as 0.95), or beta to "
+                "choose it, or use hdsafebo_local",
+                OptimisticWarning,
+                stacklevel=4,
+            )
 
     # --- what a method provides
 
@@ -172,7 +213,13 @@ class Optimizer(ABC):
     @property
     def confidence(self) -> float:
         """The beta of the safe set."""
-        return self.model_settings.confidence
+        return self.promised_beta
+
+    @property
+    def promised_beta(self) -> float:
+        """The beta that was set, lowered under contexts that few trials have reached."""
+        beta = self.model_settings.confidence
+        return novel_beta(beta, self.trials, self.problem.contexts, self._context)
 
     def keeps_promise(self, trials: Trials) -> NDArray[np.bool_]:
         """(n,) True for trials that are in the method's safe set where they will be evaluated.
@@ -186,13 +233,14 @@ class Optimizer(ABC):
     # --- ask, tell, observe
 
     @all_or_nothing
-    def ask(self, n: int = 1, *, pending: Trials | None = None) -> Trials:
+    def ask(self, n: int = 1, *, pending: Trials | None = None, context: ArrayLike | None = None) -> Trials:
         """Propose trials.
 
         Args:
             n: how many.
             pending: trials under evaluation elsewhere, which this optimiser does not know: their candidate
                 rows are not proposed. Its own trials without a result are never proposed again anyway.
+            context: (c,) values of the problem's context columns, in which the trials will be run.
 
         Returns:
             At most n trials without results; fewer when the candidates run out, or when the method abstains
@@ -200,11 +248,13 @@ class Optimizer(ABC):
 
         Raises:
             NoSafePointError: the method abstains altogether.
-            TrialError: n is no positive whole number, or every candidate has been proposed.
+            TrialError: n is no positive whole number, every candidate has been proposed, or the context is
+                missing, of another length or out of bounds.
             SurrogateError: no Gaussian process could be fitted.
         """
         if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
             raise TrialError(f"n is {n!r}; expected a whole number of trials, at least 1")
+        self._hold(context)
         self.elsewhere = np.empty(0, np.int64) if pending is None else pending.candidate
         if candidates_left(self.problem, self.taken) == 0:
             total = len(self.taken)
@@ -223,6 +273,8 @@ class Optimizer(ABC):
         safety: ArrayLike,
         *,
         status: ArrayLike | None = None,
+        x: ArrayLike | None = None,
+        noise: ArrayLike | None = None,
     ) -> None:
         """Report results of asked trials: all or some of them, in any order.
 
@@ -235,6 +287,9 @@ class Optimizer(ABC):
                 with a column for each, which its name finds.
             status: (n,) `Status.COMPLETED` or `Status.FAILED`; values of failed trials are ignored. None
                 means that all are completed.
+            x: (n, D) inputs that were really run; None means those that were asked. What is on record of a
+                trial, its predicted safety too, is then of what was run.
+            noise: (n, 1 + m) known standard deviations of objective and safety values, NaN where unknown.
 
         Raises:
             TrialError: an unknown trial, a result that conflicts with an earlier one (which stays), a wrong
@@ -242,8 +297,10 @@ class Optimizer(ABC):
         """
         ids = self._ledger.ids_of(trials)
         results = check_results(self.problem, len(ids), objective, safety, status)
+        known = check_noise(self.problem, noise, len(ids))
+        run = None if x is None else self._run_instead(ids, x)
         before = self._ledger.trials.status
-        finished = self._ledger.record(ids, results)
+        finished = self._ledger.record(ids, results, noise=known, run=run)
         if not np.array_equal(before, self._ledger.trials.status):
             self._fits.forget()
         for number in finished:
@@ -259,6 +316,7 @@ class Optimizer(ABC):
         status: ArrayLike | None = None,
         candidate: ArrayLike | None = None,
         codes: ArrayLike | None = None,
+        noise: ArrayLike | None = None,
         initial: bool = False,
     ) -> Trials:
         """Take in results of inputs not proposed here (initial data, trials set by hand), as of round 0.
@@ -270,13 +328,15 @@ class Optimizer(ABC):
             status: as in `tell`.
             candidate: (n,) rows of the finite candidate set, -1 for inputs not in it; None means no row.
             codes: (n, d) codes that the inputs were decoded from; rows of NaN, and None, are encoded.
+            noise: (n, 1 + m) known standard deviations of objective and safety values, NaN where unknown.
             initial: the data was there before the first `ask`.
 
         Raises:
-            TrialError: a wrong shape, a value that is no finite number, or a row that does not exist or has
-                another input.
+            TrialError: a wrong shape, a value that is no finite number, a point outside the bounds, or a row
+                that does not exist or is of another input.
         """
         points = check_points("x", x, self.problem.bounds.shape[1])
+        check_within(self.problem, points)
         results = check_results(self.problem, len(points), objective, safety, status)
         trials = Trials.pending(
             points,
@@ -288,6 +348,7 @@ class Optimizer(ABC):
             objective=results.objective,
             safety=results.safety,
             status=results.status,
+            noise=check_noise(self.problem, noise, len(points)),
         )
         self._ledger.append(trials)
         self._fits.forget()
@@ -321,7 +382,7 @@ class Optimizer(ABC):
                 f"{self.name} has no completed trial to start from; "
                 "report initial data with observe(..., initial=True)"
             )
-        row = self._ledger.best_row(self.feasible)
+        row = self._best_in_context() if self.problem.contexts else self._ledger.best_row(self.feasible)
         if row is None and self._abstains:
             raise NoSafePointError(
                 f"none of the {int(self.trials.completed.sum())} completed trials meets "
@@ -350,12 +411,21 @@ class Optimizer(ABC):
     def make_space(self, bounds: FloatArray) -> SearchSpace:
         """A search space over the given box, with this optimiser's kernel metric."""
         isotropic = self.model_settings.isotropic
-        return SearchSpace(bounds, isotropic=self.embedding is not None if isotropic is None else isotropic)
+        return SearchSpace(
+            bounds,
+            isotropic=self.embedding is not None if isotropic is None else isotropic,
+            land=self.problem.land if self.problem.lands else None,
+        )
 
     @property
     def taken(self) -> IntArray:
-        """Rows of the candidate set that were proposed or evaluated, or are under evaluation elsewhere."""
-        rows = np.concatenate([self.trials.candidate, self.elsewhere])
+        """Rows of the candidate set that were proposed or evaluated, or are under evaluation elsewhere.
+
+        Under other contexts a row is another input.
+        """
+        columns = list(self.problem.contexts)
+        same = (self.trials.x[:, columns] == self._context).all(axis=1)
+        rows = np.concatenate([self.trials.candidate[same], self.elsewhere])
         return np.unique(rows[rows >= 0])
 
     def refit(self) -> None:
@@ -383,9 +453,10 @@ class Optimizer(ABC):
         if len(rows) == 0:
             raise NoSafePointError(f"{self.name} has no completed trial to fit; report data with observe")
         trials, settings = self.trials[rows], self.model_settings
-        return fit_surrogate(
+        objective = self.outcomes_to_fit(rows)
+        surrogate = fit_surrogate(
             self.kernel_inputs(trials),
-            self.outcomes_to_fit(rows),
+            objective,
             modelled_safety(self.problem.safety, trials.safety),
             modelled_thresholds(self.problem.safety),
             start=start,
@@ -393,7 +464,28 @@ class Optimizer(ABC):
             limits=LengthScaleLimits(settings.shortest_length_scale, settings.longest_length_scale),
             noise=self.noise_prior,
             refine=self.refines(),
+            known_noise=self._known_noise(trials, np.array_equal(objective, trials.objective)),
         )
+        failed = self.trials[self.trials.status == Status.FAILED]
+        if not self.problem.failures_teach or len(failed) == 0:
+            return surrogate
+        inputs = np.concatenate([surrogate.inputs, self.kernel_inputs(failed)])
+        return with_completion(surrogate, inputs, start)
+
+    def _known_noise(self, trials: Trials, in_units: bool) -> FloatArray:
+        """(n, 1 + m') known standard deviations of the objective and the modelled safety functions.
+
+        Args:
+            trials: that are fitted.
+            in_units: the objective is modelled in its own units, which are those of its noise.
+        """
+        noise = trials.noise.copy()
+        if self.problem.noise is not None:
+            noise = np.where(np.isnan(noise), self.problem.noise, noise)
+        if not in_units:
+            noise[:, 0] = np.nan
+        modelled = [j + 1 for j, s in enumerate(self.problem.safety) if s.modelled]
+        return noise[:, [0, *modelled]]
 
     @property
     def noise_prior(self) -> NoisePrior:
@@ -426,8 +518,15 @@ class Optimizer(ABC):
         """
         from hdsafebo.optimizers.core.botorch_model import to_botorch
 
-        plain = type(self).kernel_inputs is Optimizer.kernel_inputs
-        return to_botorch(self.surrogate, self.space if plain else None)
+        return to_botorch(self.surrogate, self.space if self._kernel_measures_codes() else None)
+
+    def _kernel_measures_codes(self) -> bool:
+        """Whether kernel inputs are the codes in the space's own metric."""
+        if len(self.trials) == 0:
+            return False
+        some = self.trials[:_FEW_TRIALS]
+        inputs, plain = self.kernel_inputs(some), Optimizer.kernel_inputs(self, some)
+        return inputs.shape == plain.shape and np.array_equal(inputs, plain)
 
     # --- save and load
 
@@ -448,6 +547,58 @@ class Optimizer(ABC):
             StateFileError: the file is missing, damaged, or belongs to another method, problem or embedding.
         """
         return load_optimizer(cls, Path(path), problem, embedding)
+
+    def in_context(self, trials: Trials) -> Trials:
+        """The same trials as they would be under the contexts of the last `ask`."""
+        return in_context(self.problem, trials, self._context)
+
+    def _best_in_context(self) -> int | None:
+        """Row of the feasible trial that is believed best under the contexts of the last `ask`.
+
+        An outcome under other contexts says little of today's: of the trials believed safe today the one of
+        the highest posterior mean counts; where none is, the most probably safe one.
+        """
+        rows = np.flatnonzero(self.feasible)
+        if len(rows) == 0:
+            return None
+        inputs = self.kernel_inputs(self.in_context(self.trials[rows]))
+        safe = self.surrogate.believed_safe(inputs, self.confidence)
+        if not safe.any():
+            return int(rows[np.argmax(self.surrogate.safe_probability(inputs))])
+        mean = self.surrogate.objective.predict_mean(inputs)
+        return int(rows[np.argmax(np.where(safe, mean, -np.inf))])
+
+    def _hold(self, context: ArrayLike | None) -> None:
+        """Take the contexts of the next trials as known."""
+        self._context = checked_context(self.problem, context)
+        if self.problem.contexts:
+            self.space.hold(self.problem.contexts, self._context)
+        if isinstance(self.problem.candidates, ContextualSet):
+            self.problem.candidates.hold(self._context)
+
+    def _run_instead(self, ids: IntArray, x: ArrayLike) -> Trials:
+        """The trials `ids` with the inputs that were really run, and what was believed of those."""
+        points = check_points("x", x, self.problem.bounds.shape[1])
+        if len(points) != len(ids):
+            raise TrialError(f"x has {len(points)} rows; expected {len(ids)}, one per trial")
+        check_within(self.problem, points)
+        asked = self.trials[ids]
+        other = (points != asked.x).any(axis=1)
+        run = replace(
+            asked,
+            x=points,
+            z=np.where(other[:, None], encode(self.embedding, points), asked.z),
+            candidate=np.where(other, -1, asked.candidate),
+        )
+        if not other.any() or not self.trials.completed.any():
+            return run
+        probability, bound = self.believe(run)
+        kept = asked.predicted_safe_probability
+        return replace(
+            run,
+            predicted_safe_probability=np.where(other, probability, kept),
+            violation_bound=np.where(other, bound, asked.violation_bound),
+        )
 
     # --- from a proposal to trials
 

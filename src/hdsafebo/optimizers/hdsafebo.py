@@ -72,6 +72,7 @@ class HdSafeBO(Optimizer):
     """High-dimensional safe Bayesian optimisation (the paper's Algorithms 1 and 2)."""
 
     name = "hdsafebo"
+    holds_contexts = True
     Settings = HdSafeBOSettings
     settings: HdSafeBOSettings
 
@@ -82,7 +83,7 @@ class HdSafeBO(Optimizer):
     def propose(self, n: int) -> Proposal:
         """Lines 5 to 8 of Algorithm 1, for a batch."""
         centre = self.space.to_unit(self.trials.z[[self.centre_row()]])[0]  # x*
-        beta = self.settings.confidence
+        beta = self.confidence
         length = self.region.length
         while True:
             candidates = self.space.pinned(self._candidates(centre, *self._box(centre, length)))  # line 6

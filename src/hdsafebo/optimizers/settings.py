@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from inspect import Parameter, Signature, signature
 from typing import Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -25,12 +26,12 @@ class CentreSettings(OptimizerSettings):
 
     Attributes:
         empty_safe_set: what a method does without a safe trial, and, where it has a safe set, when too few
-            candidates are believed safe: "mark" proposes the most probably safe ones and marks them in
-            `Trials.marked_unsafe`; "abstain" proposes fewer trials, and raises `NoSafePointError` when none
-            is left.
+            candidates are believed safe: "abstain" proposes fewer trials, and raises `NoSafePointError` when
+            none is left; "mark" proposes the most probably safe ones all the same and marks them in
+            `Trials.marked_unsafe`.
     """
 
-    empty_safe_set: EmptySafeSet = "mark"
+    empty_safe_set: EmptySafeSet = "abstain"
 
 
 class ModelSettings(OptimizerSettings):
@@ -80,6 +81,21 @@ class ModelSettings(OptimizerSettings):
 
 class SafeSetSettings(CentreSettings, ModelSettings):
     """Settings of a method whose trials are believed safe, or marked, or not proposed."""
+
+
+def constructor_signature(construct: Callable[..., None], kind: type[OptimizerSettings]) -> Signature:
+    """The signature of a method's class, with its settings by name, for `help` and editors.
+
+    Args:
+        construct: the constructor, which takes any settings.
+        kind: the settings of the method.
+    """
+    own = [p for p in signature(construct).parameters.values() if p.kind != Parameter.VAR_KEYWORD]
+    settings = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=field.default, annotation=field.annotation)
+        for name, field in kind.model_fields.items()
+    ]
+    return Signature([*own[1:], *settings])
 
 
 def check_settings(kind: type[S], method: str, values: Mapping[str, Any]) -> S:

@@ -39,6 +39,7 @@ class LineBO(Optimizer):
     """
 
     name = "linebo"
+    holds_contexts = True
     Settings = LineBOSettings
     settings: LineBOSettings
 
@@ -47,7 +48,7 @@ class LineBO(Optimizer):
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
         line = self.space.pinned(self._line(centre, max(self.settings.candidates, n)))
         inputs = self.space.kernel_inputs(line)
-        safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
+        safe = self.surrogate.believed_safe(inputs, self.confidence)
         chosen = np.flatnonzero(safe)
         if len(chosen) > n:
             chosen = chosen[thompson_sample(self.surrogate.objective, inputs[chosen], n, self.rng)]

@@ -88,7 +88,7 @@ class LocalSearch(ABC):
     @property
     def confidence(self) -> float:
         """The beta of the safe set."""
-        return self.optimizer.settings.confidence
+        return self.optimizer.promised_beta
 
     def best_first(self, which: NDArray[np.bool_]) -> IntArray:
         """Rows where `which` is True, the highest objective first."""
@@ -126,8 +126,10 @@ class RegionSearch(LocalSearch):
         """Row of the best feasible trial among those that count and are believed safe; None without one.
 
         Around a trial that was safe by luck or by less than the noise, little is believed safe. After a
-        restart the best feasible trial will do.
+        restart the best feasible trial will do. Under contexts the optimiser's own choice counts.
         """
+        if self.optimizer.problem.contexts:
+            return None
         rows = self.best_first(self.own)[:CENTRES]
         if len(rows) == 0:
             return None
