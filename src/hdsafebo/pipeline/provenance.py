@@ -52,8 +52,8 @@ def digest_paths(paths: Iterable[Path], root: Path) -> str:
 def git_state(root: Path) -> tuple[str, bool] | None:
     """The revision that is checked out at `root` and whether tracked files differ from it.
 
-    `dvc.lock` does not count: the pipeline itself writes this file while stages run. None without git, without
-    a repository, and without a commit.
+    `dvc.lock` does not count: the pipeline itself writes this file while stages run. None without git,
+    without a repository, and without a commit.
     """
     try:
         revision = _git(root, "rev-parse", "HEAD")
