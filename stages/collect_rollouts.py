@@ -26,9 +26,10 @@ from hdsafebo.hand.activations import (
     learning_curve,
 )
 from hdsafebo.hand.actor import save_actors
-from hdsafebo.hand.render import pictures, record_video, save_png
+from hdsafebo.hand.render import pictures, record_video
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.train import PROGRESS_STEPS, SacSettings, Trained, Training, train_agent
+from hdsafebo.pictures.video import save_png
 from hdsafebo.progress import Advance, progress
 from hdsafebo.stage import Stage, run_stage
 

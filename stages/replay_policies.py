@@ -9,7 +9,8 @@ from typing import Any
 from hdsafebo.campaign.best_trial import BestTrial, best_trial
 from hdsafebo.errors import RenderingUnavailableError
 from hdsafebo.hand.filmstrip import filmstrip, frame_steps, seconds_of
-from hdsafebo.hand.render import record_video, save_png
+from hdsafebo.hand.render import record_video
+from hdsafebo.pictures.video import save_png
 from hdsafebo.problems.hand_replay import Replay, replay, scene_of
 from hdsafebo.stage import Stage, run_stage
 

@@ -5,32 +5,67 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hdsafebo.environments import register_with_gymnasium
+
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from hdsafebo.optimizers.hdsafebo import HdSafeBO
     from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
     from hdsafebo.optimizers.registry import make_optimizer
-    from hdsafebo.problem import Evaluation, FunctionProblem, Problem, Safety, Status, Trials
+    from hdsafebo.policies import (
+        AffinePolicy,
+        EpisodeSafety,
+        GymnasiumPolicies,
+        budget,
+        gaussian_design,
+        lasts,
+        survives,
+    )
+    from hdsafebo.problem import Evaluation, FunctionProblem, LinearFeatures, Problem, Safety, Status, Trials
 
 __all__ = [
+    "AffinePolicy",
+    "EpisodeSafety",
     "Evaluation",
     "FunctionProblem",
+    "GymnasiumPolicies",
     "HdSafeBO",
     "HdSafeBOLocal",
+    "LinearFeatures",
     "Problem",
     "Safety",
     "Status",
     "Trials",
+    "budget",
+    "gaussian_design",
+    "lasts",
     "make_optimizer",
+    "survives",
 ]
 
-_MODULES = {
-    "HdSafeBO": "hdsafebo.optimizers.hdsafebo",
-    "HdSafeBOLocal": "hdsafebo.optimizers.hdsafebo_local",
-    "make_optimizer": "hdsafebo.optimizers.registry",
-} | dict.fromkeys(
-    ("Evaluation", "FunctionProblem", "Problem", "Safety", "Status", "Trials"), "hdsafebo.problem"
+_MODULES = (
+    {
+        "HdSafeBO": "hdsafebo.optimizers.hdsafebo",
+        "HdSafeBOLocal": "hdsafebo.optimizers.hdsafebo_local",
+        "make_optimizer": "hdsafebo.optimizers.registry",
+    }
+    | dict.fromkeys(
+        ("Evaluation", "FunctionProblem", "LinearFeatures", "Problem", "Safety", "Status", "Trials"),
+        "hdsafebo.problem",
+    )
+    | dict.fromkeys(
+        (
+            "AffinePolicy",
+            "EpisodeSafety",
+            "GymnasiumPolicies",
+            "budget",
+            "gaussian_design",
+            "lasts",
+            "survives",
+        ),
+        "hdsafebo.policies",
+    )
 )
 
 
@@ -39,3 +74,6 @@ def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_MODULES[name]), name)
+
+
+register_with_gymnasium()

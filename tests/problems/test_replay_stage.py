@@ -15,11 +15,11 @@ import pytest
 
 from hdsafebo.campaign.tracking import Tracker
 from hdsafebo.errors import RenderingUnavailableError
-from hdsafebo.hand import render
 from hdsafebo.hand.render import SceneRenderer
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.synergies import Synergies, save_synergies
 from hdsafebo.params.hand import Hand, HandScene
+from hdsafebo.pictures import offscreen
 from hdsafebo.problems.hand import SYNERGY_FILE
 from hdsafebo.stage import Stage
 
@@ -100,7 +100,7 @@ def test_three_policies_are_drawn(script: ModuleType, stage: Stage) -> None:
 def test_without_a_renderer_a_notice_says_what_to_install(
     script: ModuleType, stage: Stage, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(render, "find_library", lambda name: None)
+    monkeypatch.setattr(offscreen, "find_library", lambda name: None)
     script.main(stage)
     assert "NOTICE [replay_policies]: no pictures of the best policies" in capsys.readouterr().err
     content = policies(stage)
