@@ -27,7 +27,8 @@ from scipy.stats import mannwhitneyu, qmc
 from threadpoolctl import threadpool_limits
 
 from hdsafebo.optimizers.registry import make_optimizer
-from hdsafebo.problem import FloatArray, FunctionProblem, Safety
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.typing import FloatArray
 
 OUT = Path("reports/reference/benchmarks/baseline_references.json")
 MOST = 300

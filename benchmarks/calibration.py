@@ -26,15 +26,17 @@ from unittest.mock import patch
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from hdsafebo.gaussian_process import GaussianProcess, Hyperparameters
-from hdsafebo.kernel import exact_distances, matern52
+from hdsafebo.gp.gaussian_process import GaussianProcess, Hyperparameters
+from hdsafebo.gp.kernel import exact_distances, matern52
+from hdsafebo.gp.outcomes import Outcomes
+from hdsafebo.gp.safe_set import alpha_of
+from hdsafebo.gp.surrogate import Surrogate
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
-from hdsafebo.outcomes import Outcomes
-from hdsafebo.problem import Evaluation, FloatArray, Problem, Safety, Trials
+from hdsafebo.problem import Problem, Safety
 from hdsafebo.problems.gaussian_path import GaussianPath
-from hdsafebo.report.statistics import clopper_pearson
-from hdsafebo.safe_set import alpha_of
-from hdsafebo.surrogate import Surrogate
+from hdsafebo.report.stats.statistics import clopper_pearson
+from hdsafebo.trials import Evaluation, Trials
+from hdsafebo.typing import FloatArray
 
 OUTPUT = Path(__file__).parents[1] / "reports" / "reference" / "benchmarks" / "calibration.json"
 ALPHAS = (alpha_of(2.0), 0.5, 0.8, 0.95)

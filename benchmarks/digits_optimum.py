@@ -22,12 +22,14 @@ from scipy.optimize import minimize
 
 from hdsafebo.embeddings.base import Embedding
 from hdsafebo.embeddings.registry import load_embedding
+from hdsafebo.gp.surrogate import apply_transform
 from hdsafebo.params import load_params
-from hdsafebo.problem import FloatArray, Problem, Trials
+from hdsafebo.problem import Problem
 from hdsafebo.problems.digit_images import load_digit_images
 from hdsafebo.problems.digits import EMBEDDING_FILE, ThickDigit
 from hdsafebo.problems.registry import make_task
-from hdsafebo.surrogate import apply_transform
+from hdsafebo.trials import Trials
+from hdsafebo.typing import FloatArray
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "reports" / "reference" / "benchmarks" / "digits_optimum.json"

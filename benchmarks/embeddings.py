@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from hdsafebo.embeddings import make_embedding
-from hdsafebo.embeddings.tangents import TrainableMlp, relaxed_distortion
+from hdsafebo.embeddings.training.tangents import TrainableMlp, relaxed_distortion
 from hdsafebo.spinal.configurations import enumerate_configurations
 from hdsafebo.spinal.field_map import REFERENCE_CURRENT_MA, RandomCurrents, field_maps, unit_potentials
 

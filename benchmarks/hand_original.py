@@ -31,8 +31,9 @@ from hdsafebo.errors import NoSafePointError, SurrogateError  # noqa: E402
 from hdsafebo.optimizers.base import Optimizer  # noqa: E402
 from hdsafebo.optimizers.registry import METHODS, make_optimizer  # noqa: E402
 from hdsafebo.params import load_params  # noqa: E402
-from hdsafebo.problem import Problem, Trials  # noqa: E402
+from hdsafebo.problem import Problem  # noqa: E402
 from hdsafebo.problems.registry import make_task  # noqa: E402
+from hdsafebo.trials import Trials  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "reports" / "reference" / "benchmarks" / "hand_original.json"

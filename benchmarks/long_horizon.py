@@ -22,9 +22,10 @@ from typing import Any
 import numpy as np
 
 from hdsafebo.campaign.rounds import Round, RunJournal, points_digest
-from hdsafebo.campaign.run_file import rows_of
 from hdsafebo.optimizers.registry import make_optimizer
-from hdsafebo.problem import FloatArray, FunctionProblem, Safety
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.runs.write import rows_of
+from hdsafebo.typing import FloatArray
 
 OUTPUT = Path(__file__).parents[1] / "reports" / "reference" / "benchmarks" / "long_horizon.json"
 METHOD = "hdsafebo_local"

@@ -32,7 +32,8 @@ import numpy as np
 from scipy.linalg import cho_factor
 
 from hdsafebo.optimizers.registry import METHODS, make_optimizer
-from hdsafebo.problem import FloatArray, FunctionProblem, Safety
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.typing import FloatArray
 
 SIZES = ("500x50", "500x1000", "1000x325", "1000x16", "200x50", "300x50", "400x50", "200x1000", "350x1000")
 """Points by dimension: the latent space and the inputs of the synthetic task, and two larger problems."""
@@ -43,11 +44,11 @@ DISTINCT = list({(m.module, m.kind): name for name, m in reversed(METHODS.items(
 DISTINCT.remove("random_lowest")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 PHASES = {
-    "fit": ("hdsafebo.optimizers.base.fit_surrogate", "hdsafebo.optimizers.ard_process.WarmStart.process"),
+    "fit": ("hdsafebo.optimizers.base.fit_surrogate", "hdsafebo.gp.ard_process.WarmStart.process"),
     "safe_set": (
-        "hdsafebo.surrogate.Surrogate.believed_safe",
-        "hdsafebo.surrogate.Surrogate.predict_safety",
-        "hdsafebo.surrogate.Surrogate.slack_with_gradient",
+        "hdsafebo.gp.surrogate.Surrogate.believed_safe",
+        "hdsafebo.gp.surrogate.Surrogate.predict_safety",
+        "hdsafebo.gp.surrogate.Surrogate.slack_with_gradient",
     ),
 }
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 
 CANDIDATES = 2000
 LONGEST, SHORTEST = 1.6, 0.5**7

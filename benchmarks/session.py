@@ -21,15 +21,15 @@ from typing import Any
 import numpy as np
 
 from hdsafebo.progress import progress, track
-from hdsafebo.session.audit import replay, verify_session
 from hdsafebo.session.create import create_session
-from hdsafebo.session.month import answer, run_month, simulated_patient, write_example
-from hdsafebo.session.month_result import evaluate_month
-from hdsafebo.session.patient import SimulatedPatient
-from hdsafebo.session.responses import MUSCLES, Responses, load_responses
+from hdsafebo.session.patient.month import answer, run_month, simulated_patient, write_example
+from hdsafebo.session.patient.month_result import evaluate_month
+from hdsafebo.session.patient.patient import SimulatedPatient
+from hdsafebo.session.patient.responses import MUSCLES, Responses, load_responses
 from hdsafebo.session.session import Session
-from hdsafebo.session.space import Report
-from hdsafebo.session.stimulation_space import CONTACT_COLUMNS, CURRENT_COLUMN
+from hdsafebo.session.spaces.space import Report
+from hdsafebo.session.spaces.stimulation import CONTACT_COLUMNS, CURRENT_COLUMN
+from hdsafebo.session.views.audit import replay, verify_session
 
 REFERENCE = Path("reports/reference/benchmarks")
 

@@ -16,11 +16,11 @@ from hdsafebo.embeddings.distances import sample_pairs
 from hdsafebo.embeddings.isometry import IsometryCheck, IsometryMeasures, RoundTrip
 from hdsafebo.errors import EmbeddingFileError, ParamsError
 from hdsafebo.params import Isometry
+from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.progress import track
 from hdsafebo.spinal.configurations import CONFIGURATIONS, enumerate_configurations
 from hdsafebo.spinal.field_map import PIXELS, unit_potentials
 from hdsafebo.spinal.nearest import NearestMap
-from hdsafebo.stage import Stage, run_stage
 
 
 def main(stage: Stage) -> None:

@@ -16,7 +16,7 @@ from hdsafebo.errors import DatasetError
 from hdsafebo.hand.reference import Difficulty, observation_moment, save_moment
 from hdsafebo.hand.rollout import Scene, evaluate_policies
 from hdsafebo.hand.synergies import fit_synergies, save_synergies, synergy_policies
-from hdsafebo.stage import Stage, run_stage
+from hdsafebo.pipeline.stage import Stage, run_stage
 
 
 def main(stage: Stage) -> None:

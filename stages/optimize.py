@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from hdsafebo.campaign.item import run_item
-from hdsafebo.stage import Stage, run_stage
+from hdsafebo.pipeline.stage import Stage, run_stage
 
 
 def main(stage: Stage) -> None:

@@ -6,13 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hdsafebo.campaign.best_trial import BestTrial, best_trial
 from hdsafebo.errors import RenderingUnavailableError
 from hdsafebo.hand.filmstrip import filmstrip, frame_steps, seconds_of
 from hdsafebo.hand.render import record_video
 from hdsafebo.pictures.video import save_png
+from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.problems.hand_replay import Replay, replay, scene_of
-from hdsafebo.stage import Stage, run_stage
+from hdsafebo.runs.best_trial import BestTrial, best_trial
 
 FIRST = ("hdsafebo", "hdsafebo_local")
 SHOWN = 3

@@ -9,12 +9,12 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from hdsafebo.campaign.provenance import git_state
 from hdsafebo.params import Params
+from hdsafebo.pipeline.provenance import git_state
+from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.report.build import build_report
-from hdsafebo.report.results import Settings
+from hdsafebo.report.data.results import Settings
 from hdsafebo.spinal.field_map import COLUMNS, CONTACTS, ROWS, field_maps, unit_potentials
-from hdsafebo.stage import Stage, run_stage
 
 STIMULATION = "data/spinal/stimulation.parquet"
 EXAMPLE = "si_ST_left"

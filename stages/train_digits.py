@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from hdsafebo.embeddings.registry import make_embedding
+from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.problems.digit_images import load_digit_images
 from hdsafebo.problems.digit_predictor import DigitPredictor
 from hdsafebo.problems.digits import EMBEDDING_FILE, PREDICTOR_FILE
-from hdsafebo.stage import Stage, run_stage
 
 
 def main(stage: Stage) -> None:

@@ -7,9 +7,9 @@ import time
 import numpy as np
 
 from hdsafebo.embeddings import make_embedding
+from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.spinal.configurations import enumerate_configurations
 from hdsafebo.spinal.field_map import REFERENCE_CURRENT_MA, RandomCurrents, field_maps, unit_potentials
-from hdsafebo.stage import Stage, run_stage
 
 
 def main(stage: Stage) -> None:

@@ -42,9 +42,9 @@ def _params(path: Path) -> None:
 
 
 def _check_params(path: Path) -> object:
-    from hdsafebo.params import load_params
+    from hdsafebo.pipeline.checked_params import load_checked_params
 
-    return load_params(path)
+    return load_checked_params(path)
 
 
 def _profile(path: Path) -> None:
@@ -53,7 +53,7 @@ def _profile(path: Path) -> None:
 
 
 def _apply_profile(path: Path) -> object:
-    from hdsafebo.profiles import apply_profile
+    from hdsafebo.pipeline.profiles import apply_profile
 
     return apply_profile(path.parents[1], path.stem)
 
@@ -100,7 +100,7 @@ def _edf(path: Path) -> None:
 
 
 def _read_recording(path: Path) -> object:
-    from hdsafebo.session.recordings import read_recording
+    from hdsafebo.session.measuring.recordings import read_recording
 
     return read_recording(path.read_bytes(), path.name)
 
@@ -111,8 +111,8 @@ def _store(path: Path) -> None:
 
 
 def _open_session(path: Path) -> None:
-    from hdsafebo.session.audit import verify_session
     from hdsafebo.session.session import Session
+    from hdsafebo.session.views.audit import verify_session
 
     session = Session.open(path.parent)
     try:
@@ -122,8 +122,8 @@ def _open_session(path: Path) -> None:
 
 
 def _audit_log(path: Path) -> None:
-    from hdsafebo.session.export import export_session
     from hdsafebo.session.session import Session
+    from hdsafebo.session.views.export import export_session
 
     _store(path.parent / "s" / "session.db")
     session = Session.open(path.parent / "s")
@@ -132,7 +132,7 @@ def _audit_log(path: Path) -> None:
 
 
 def _verify_log(path: Path) -> object:
-    from hdsafebo.session.audit import verify_export
+    from hdsafebo.session.views.audit import verify_export
 
     return verify_export(path)
 
@@ -144,7 +144,7 @@ def _problem() -> Any:
 
 
 def _state(path: Path) -> None:
-    from hdsafebo.optimizers.sobol import Sobol
+    from hdsafebo.optimizers.controls.sobol import Sobol
 
     made = Sobol(_problem(), seed=0)
     trials = made.ask(4)
@@ -153,7 +153,7 @@ def _state(path: Path) -> None:
 
 
 def _load_state(path: Path) -> object:
-    from hdsafebo.optimizers.sobol import Sobol
+    from hdsafebo.optimizers.controls.sobol import Sobol
 
     return Sobol.load(path, _problem()).ask(2)
 
@@ -182,14 +182,14 @@ def _run_file(path: Path) -> None:
 
 
 def _read_run(path: Path) -> object:
-    from hdsafebo.report.runs import read_run
+    from hdsafebo.runs.read import read_run
 
     return read_run(path)
 
 
 def _input(relative: str, content: Any) -> tuple[Callable[[Path], None], Callable[[Path], None]]:
     """A file that the report reads besides run files; its folder is the project's."""
-    from hdsafebo.report.inputs import read_inputs
+    from hdsafebo.report.data.inputs import read_inputs
 
     def write(path: Path) -> None:
         if path.suffix == ".json":
@@ -257,7 +257,7 @@ def _load_predictor(path: Path) -> object:
 
 
 def _lead_field(path: Path) -> None:
-    from hdsafebo.spinal.lead_field import LeadField
+    from hdsafebo.spinal.finite_elements.lead_field import LeadField
 
     grid = np.zeros((4, 5))
     triangles = np.zeros((2, 3), int)
@@ -269,7 +269,7 @@ def _lead_field(path: Path) -> None:
 
 
 def _load_lead_field(path: Path) -> object:
-    from hdsafebo.spinal.lead_field import LeadField
+    from hdsafebo.spinal.finite_elements.lead_field import LeadField
 
     return LeadField.load(path)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 
 INPUTS = ("plain", "repeated", "constant", "cluster", "scaled", "outlier", "condition", "offset", "rank one")
 OUTCOMES = ("plain", "equal", "outlier", "scaled", "offset", "binary", "heavy tails", "largest")

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from report.run_files import trial_table, write_run
 
-from hdsafebo.campaign.tracking import default_uri, track_stage
-from hdsafebo.problem import Status
-from hdsafebo.report.metrics import per_seed
-from hdsafebo.report.runs import read_run
+from hdsafebo.pipeline.tracking import default_uri, track_stage
+from hdsafebo.report.data.metrics import per_seed
+from hdsafebo.runs.read import read_run
+from hdsafebo.trials import Status
 
 
 def load(root: Path, name: str) -> ModuleType:

@@ -58,8 +58,8 @@ def test_a_write_point_says_what_is_wrong_and_where(
 
 def test_something_in_the_way_is_named(tmp_path: Path) -> None:
     """Where a directory is expected there is a file."""
-    from hdsafebo.profiles import apply_profile
-    from hdsafebo.writing import WriteError, replacing
+    from hdsafebo.files.atomic import WriteError, replacing
+    from hdsafebo.pipeline.profiles import apply_profile
 
     (tmp_path / "file").write_text("in the way")
     with (

@@ -99,7 +99,7 @@ def _problem() -> Any:
 
 
 def _optimiser(path: Path, trials: int) -> None:
-    from hdsafebo.optimizers.sobol import Sobol
+    from hdsafebo.optimizers.controls.sobol import Sobol
 
     made = Sobol(_problem(), seed=0)
     asked = made.ask(trials)
@@ -108,7 +108,7 @@ def _optimiser(path: Path, trials: int) -> None:
 
 
 def _four_trials(disk: Path, home: Path) -> None:
-    from hdsafebo.optimizers.sobol import Sobol
+    from hdsafebo.optimizers.controls.sobol import Sobol
 
     assert len(Sobol.load(disk / "state.zip", _problem()).trials) == 4
     assert [p.name for p in disk.iterdir()] == ["state.zip"]
@@ -134,7 +134,7 @@ def _toy_rounds(disk: Path, home: Path) -> None:
 
 
 def _run_file(disk: Path, home: Path, trials: int) -> None:
-    from hdsafebo.campaign.run_file import TIMES, write_run_file
+    from hdsafebo.runs.write import TIMES, write_run_file
 
     rows = _toy_run(home).rows
     tall = {name: np.repeat(column, trials, axis=0) for name, column in rows.items()}
@@ -143,7 +143,7 @@ def _run_file(disk: Path, home: Path, trials: int) -> None:
 
 
 def _metadata() -> Any:
-    from hdsafebo.campaign.run_file import RunMetadata
+    from hdsafebo.runs.write import RunMetadata
 
     return RunMetadata(
         task="synthetic", method="toy", profile="test", settings={}, safety_names=[], thresholds=[],
@@ -165,15 +165,15 @@ def _profiles(disk: Path, home: Path) -> None:
 
 
 def _profile(disk: Path, name: str) -> None:
-    from hdsafebo.profiles import apply_profile
+    from hdsafebo.pipeline.profiles import apply_profile
 
     apply_profile(disk, name)
 
 
 def _standard_params(disk: Path, home: Path) -> None:
-    from hdsafebo.params import load_params
+    from hdsafebo.pipeline.checked_params import load_checked_params
 
-    assert load_params(disk / "params.yaml").profile == "standard"
+    assert load_checked_params(disk / "params.yaml").profile == "standard"
     assert sorted(p.name for p in disk.iterdir()) == ["params.yaml", "profiles"]
 
 
@@ -214,19 +214,19 @@ def _notes(disk: Path, home: Path) -> None:
 
 
 def _sound_session(disk: Path, home: Path) -> None:
-    from hdsafebo.session.audit import verify_session
+    from hdsafebo.session.views.audit import verify_session
 
     _with_session(disk, verify_session)
 
 
 def _export(disk: Path, home: Path) -> None:
-    from hdsafebo.session.export import export_session
+    from hdsafebo.session.views.export import export_session
 
     _with_session(home, lambda session: export_session(session, disk / "tables"))
 
 
 def _report(disk: Path, home: Path) -> None:
-    from hdsafebo.session.report import write_report
+    from hdsafebo.session.views.report import write_report
 
     _with_session(home, lambda session: write_report(session, disk / "report.html"))
 

@@ -11,7 +11,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from hdsafebo.optimizers.hdsafebo import HdSafeBO
-    from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
+    from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
     from hdsafebo.optimizers.registry import make_optimizer
     from hdsafebo.policies import (
         AffinePolicy,
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
         lasts,
         survives,
     )
-    from hdsafebo.problem import Evaluation, FunctionProblem, LinearFeatures, Problem, Safety, Status, Trials
+    from hdsafebo.problem import FunctionProblem, LinearFeatures, Problem, Safety
+    from hdsafebo.trials import Evaluation, Status, Trials
 
 __all__ = [
     "AffinePolicy",
@@ -47,13 +48,11 @@ __all__ = [
 _MODULES = (
     {
         "HdSafeBO": "hdsafebo.optimizers.hdsafebo",
-        "HdSafeBOLocal": "hdsafebo.optimizers.hdsafebo_local",
+        "HdSafeBOLocal": "hdsafebo.optimizers.local.optimizer",
         "make_optimizer": "hdsafebo.optimizers.registry",
     }
-    | dict.fromkeys(
-        ("Evaluation", "FunctionProblem", "LinearFeatures", "Problem", "Safety", "Status", "Trials"),
-        "hdsafebo.problem",
-    )
+    | dict.fromkeys(("FunctionProblem", "LinearFeatures", "Problem", "Safety"), "hdsafebo.problem")
+    | dict.fromkeys(("Evaluation", "Status", "Trials"), "hdsafebo.trials")
     | dict.fromkeys(
         (
             "AffinePolicy",

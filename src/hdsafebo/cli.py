@@ -65,17 +65,17 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _profile(arguments: argparse.Namespace) -> None:
-    from hdsafebo.profiles import apply_profile
+    from hdsafebo.pipeline.profiles import apply_profile
 
     changed = apply_profile(arguments.root, arguments.name, force=arguments.force)
     print(f"params.yaml {'now holds' if changed else 'already held'} the profile {arguments.name}")
 
 
 def _check_params(arguments: argparse.Namespace) -> None:
-    from hdsafebo.params import load_params
+    from hdsafebo.pipeline.checked_params import load_checked_params
 
     path = arguments.file or arguments.root / "params.yaml"
-    params = load_params(path)
+    params = load_checked_params(path)
     print(f"{path}: valid, profile {params.profile}")
 
 
@@ -86,7 +86,7 @@ def _methods(arguments: argparse.Namespace) -> None:
 
 
 def _keep_reference(arguments: argparse.Namespace) -> None:
-    from hdsafebo.report.reference import keep_reference
+    from hdsafebo.report.data.reference import keep_reference
 
     print(f"kept in {keep_reference(arguments.root)}")
 

@@ -13,9 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hdsafebo.campaign.item import run_item, run_path
-from hdsafebo.campaign.run_file import TIMES
-from hdsafebo.campaign.tracking import Tracker
 from hdsafebo.params import parse_params
+from hdsafebo.pipeline.tracking import Tracker
+from hdsafebo.runs.write import TIMES
 
 Content = tuple[pa.Schema, dict[str, Any]]
 

@@ -24,8 +24,10 @@ from hdsafebo.optimizers import registry as methods
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.params import Params
-from hdsafebo.problem import Evaluation, FloatArray, Problem, Safety, Trials
+from hdsafebo.problem import Problem, Safety
 from hdsafebo.problems import registry as tasks
+from hdsafebo.trials import Evaluation, Trials
+from hdsafebo.typing import FloatArray
 
 
 class Memory(Problem):

@@ -11,12 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 from campaign_items import compute
 
-from hdsafebo import gp_fit
 from hdsafebo.campaign.item import run_path
 from hdsafebo.campaign.journal import Journal
-from hdsafebo.campaign.run_file import METADATA_KEY, RunCounts
 from hdsafebo.campaign.runner import RunResult
+from hdsafebo.gp import fit as gp_fit
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
+from hdsafebo.runs.write import METADATA_KEY, RunCounts
 
 _EVALUATE = gp_fit._Search._evaluate
 

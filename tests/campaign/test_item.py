@@ -23,9 +23,9 @@ from campaign_items import (
 )
 
 from hdsafebo.campaign.item import run_path
-from hdsafebo.campaign.run_file import TIMES, Rows, RunMetadata, write_run_file
 from hdsafebo.errors import DatasetError, JournalError, ParamsError
-from hdsafebo.report.runs import read_run
+from hdsafebo.runs.read import read_run
+from hdsafebo.runs.write import TIMES, Rows, RunMetadata, write_run_file
 
 
 @pytest.fixture(autouse=True)

@@ -9,10 +9,10 @@ import pytest
 
 from hdsafebo.campaign import run_spec
 from hdsafebo.campaign.rounds import Round, RunJournal
-from hdsafebo.campaign.run_file import TIMES
 from hdsafebo.campaign.run_spec import RunSpec
 from hdsafebo.campaign.runner import run
 from hdsafebo.optimizers.registry import METHODS
+from hdsafebo.runs.write import TIMES
 
 FAST = ("hdsafebo", "hdsafebo_local", "sobol")
 ON_FINITE_SETS = ("random_lowest",)

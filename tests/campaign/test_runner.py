@@ -15,10 +15,10 @@ import pytest
 
 from hdsafebo.campaign.errors import CampaignError
 from hdsafebo.campaign.journal import Journal
-from hdsafebo.campaign.run_file import TIMES, Rows
 from hdsafebo.campaign.run_spec import RunSpec
 from hdsafebo.campaign.runner import RunResult, run
 from hdsafebo.errors import JournalError, ParamsError, StateFileError
+from hdsafebo.runs.write import TIMES, Rows
 
 Patch = pytest.MonkeyPatch
 

@@ -13,7 +13,7 @@ import pytest
 from hdsafebo.embeddings import load_embedding
 from hdsafebo.errors import EmbeddingFileError, IsometryError, ParamsError
 from hdsafebo.params import Embeddings, Isometry, IsometryFloors, Spinal
-from hdsafebo.stage import Stage
+from hdsafebo.pipeline.stage import Stage
 
 MODELS = {
     "pca": {"latent_dim": 16},

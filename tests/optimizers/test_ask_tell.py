@@ -7,7 +7,8 @@ import pytest
 
 from hdsafebo.errors import NoSafePointError, ProblemError, TrialError
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
-from hdsafebo.problem import FunctionProblem, Safety, Status, Trials
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.trials import Status, Trials
 from optimizers.toy import Halving, bowl, bowl_problem, observe_initial, rows_problem, run_rounds
 
 

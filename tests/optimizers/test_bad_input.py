@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import NoSafePointError, ParamsError, ProblemError, TrialError
-from hdsafebo.optimizers.config import Config
+from hdsafebo.optimizers.baselines.config import Config
+from hdsafebo.optimizers.baselines.linebo import LineBO
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
-from hdsafebo.optimizers.hdsafebo_local import HdSafeBOLocal
-from hdsafebo.optimizers.linebo import LineBO
+from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
 from hdsafebo.problem import FunctionProblem, Safety
 from optimizers.toy import bowl, bowl_problem, observe_initial, rows_problem, run_rounds
 

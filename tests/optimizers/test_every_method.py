@@ -10,7 +10,9 @@ import pytest
 from hdsafebo.errors import NoSafePointError, ParamsError, ProblemError, TrialError
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.optimizers.registry import METHODS, load_optimizer, make_optimizer
-from hdsafebo.problem import FloatArray, FunctionProblem, Safety, Status, Trials
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import FloatArray
 from optimizers.toy import Halving, bowl_problem, observe_initial, rows_problem
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")

@@ -1,6 +1,6 @@
 """Fits are counted when a round is asked with them, and by nothing else."""
 
-from hdsafebo.optimizers.fits import FitCounts
+from hdsafebo.optimizers.core.fits import FitCounts
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
 from optimizers.toy import bowl, bowl_problem, observe_initial
 

@@ -5,8 +5,9 @@ import pytest
 
 from hdsafebo.optimizers import hdsafebo
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
-from hdsafebo.problem import FunctionProblem, Safety, Status
-from hdsafebo.trust_region import TrustRegion
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.search.region import TrustRegion
+from hdsafebo.trials import Status
 from optimizers.toy import bowl, bowl_problem, observe_initial, run_rounds
 
 

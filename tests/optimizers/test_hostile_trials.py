@@ -9,8 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hdsafebo.errors import TrialError
-from hdsafebo.optimizers.sobol import Sobol
-from hdsafebo.problem import FunctionProblem, Safety, Status, Trials
+from hdsafebo.optimizers.controls.sobol import Sobol
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.trials import Status, Trials
 
 NUMBERS = st.one_of(
     st.floats(),

@@ -11,7 +11,8 @@ from ill_conditioned import INPUTS, OUTCOMES, hard_inputs, hard_outcomes
 from hdsafebo.errors import NoSafePointError, SurrogateError
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.optimizers.registry import make_optimizer
-from hdsafebo.problem import FunctionProblem, Safety, Trials
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.trials import Trials
 from optimizers.toy import Rows
 
 METHODS = ("hdsafebo", "hdsafebo_local", "hdsafebo_local on rows", "config", "linebo")

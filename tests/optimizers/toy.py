@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hdsafebo.optimizers.base import Optimizer
-from hdsafebo.problem import FloatArray, FunctionProblem, IntArray, Safety, Trials
+from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.trials import Trials
+from hdsafebo.typing import FloatArray, IntArray
 
 DIMENSION = 4
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from hdsafebo.cli import main
 from hdsafebo.errors import ParamsError
-from hdsafebo.params import load_params, parse_params
+from hdsafebo.pipeline.checked_params import load_checked_params, parse_checked_params
 
 ROOT = Path(__file__).parents[2]
 STANDARD = yaml.safe_load((ROOT / "profiles" / "standard.yaml").read_text())
@@ -108,9 +108,9 @@ def check(path: Path, text: str, edits: list[Edit], *, through_file: bool) -> bo
     try:
         if through_file:
             path.write_text(text, encoding="utf-8")
-            params = load_params(path)
+            params = load_checked_params(path)
         else:  # the same reading, but for the time that PyYAML's own parser takes
-            params = parse_params(yaml.load(text, yaml.CSafeLoader), source=str(path))
+            params = parse_checked_params(yaml.load(text, yaml.CSafeLoader), source=str(path))
     except ParamsError as error:
         message = str(error)
         assert message.startswith(str(path))
@@ -118,7 +118,7 @@ def check(path: Path, text: str, edits: list[Edit], *, through_file: bool) -> bo
         assert len(edits) != 1 or names_the_edit(message, edits[0]), message
         return False
     plain = params.model_dump(mode="json")
-    assert parse_params(yaml.load(dumped(plain), yaml.CSafeLoader)) == params
+    assert parse_checked_params(yaml.load(dumped(plain), yaml.CSafeLoader)) == params
     return True
 
 

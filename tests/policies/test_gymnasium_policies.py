@@ -11,9 +11,10 @@ import pytest
 
 from hdsafebo import GymnasiumPolicies, HdSafeBOLocal, budget, gaussian_design, lasts, survives
 from hdsafebo.errors import PolicyFileError, ProblemError, RenderingUnavailableError
+from hdsafebo.files.atomic import WriteError
 from hdsafebo.policies.policy_file import load_policy
-from hdsafebo.problem import LinearFeatures, Status, Trials
-from hdsafebo.writing import WriteError
+from hdsafebo.problem import LinearFeatures
+from hdsafebo.trials import Status, Trials
 from policies.toy_environments import Point, make_point
 
 

@@ -11,10 +11,10 @@ import pytest
 
 from hdsafebo.errors import DatasetError, EmbeddingTrainingError
 from hdsafebo.params.tasks import DigitsProblem
-from hdsafebo.problem import Trials
 from hdsafebo.problems.digit_images import load_digit_images, read_idx
 from hdsafebo.problems.digit_predictor import DigitPredictor
 from hdsafebo.problems.digits import ThickDigit
+from hdsafebo.trials import Trials
 
 
 @pytest.fixture(scope="module")

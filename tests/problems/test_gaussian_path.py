@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hdsafebo.kernel import exact_distances, matern52
+from hdsafebo.gp.kernel import exact_distances, matern52
 from hdsafebo.problems.gaussian_path import GaussianPath
 
 

@@ -14,10 +14,11 @@ from hdsafebo.hand.reference import save_moment
 from hdsafebo.hand.rollout import Scene, evaluate_policies
 from hdsafebo.hand.synergies import Synergies, save_synergies
 from hdsafebo.params import HandProblem, Params, parse_params
-from hdsafebo.problem import Status, Trials, check_problem
+from hdsafebo.problem import check_problem
 from hdsafebo.problems import hand as module
 from hdsafebo.problems.hand import HandPolicies, behaviour_features, make_task, safety_functions
 from hdsafebo.problems.registry import Task
+from hdsafebo.trials import Status, Trials
 
 SCENE = Scene("forearm", horizon=40)
 BUDGET = {"initial": 4, "trials": 6, "batch": 1, "seeds": 1}

@@ -13,9 +13,9 @@ from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.synergies import Synergies, save_synergies, synergy_policies
 from hdsafebo.params import HandProblem
 from hdsafebo.params.hand import Hand, HandScene
-from hdsafebo.problem import Trials
 from hdsafebo.problems.hand import SYNERGY_FILE, HandPolicies, safety_functions
 from hdsafebo.problems.hand_replay import replay, scene_of
+from hdsafebo.trials import Trials
 
 HAND = Hand(scene=HandScene(variant="forearm", horizon=30))
 SCENE = Scene("forearm", horizon=30)

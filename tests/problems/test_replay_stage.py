@@ -13,15 +13,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from hdsafebo.campaign.tracking import Tracker
 from hdsafebo.errors import RenderingUnavailableError
 from hdsafebo.hand.render import SceneRenderer
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.synergies import Synergies, save_synergies
 from hdsafebo.params.hand import Hand, HandScene
 from hdsafebo.pictures import offscreen
+from hdsafebo.pipeline.stage import Stage
+from hdsafebo.pipeline.tracking import Tracker
 from hdsafebo.problems.hand import SYNERGY_FILE
-from hdsafebo.stage import Stage
 
 HAND = Hand(scene=HandScene(variant="forearm", horizon=8))
 RUNS = {

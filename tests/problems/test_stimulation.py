@@ -12,7 +12,7 @@ import pytest
 from hdsafebo.embeddings import make_embedding
 from hdsafebo.errors import DatasetError, EmbeddingFileError, UnknownNameError
 from hdsafebo.params import load_params
-from hdsafebo.problem import Trials, check_problem
+from hdsafebo.problem import check_problem
 from hdsafebo.problems.stimulation import (
     DATASET_FILE,
     SelectiveStimulation,
@@ -23,6 +23,7 @@ from hdsafebo.problems.stimulation import (
 )
 from hdsafebo.spinal.configurations import CONFIGURATIONS
 from hdsafebo.spinal.field_map import PIXELS
+from hdsafebo.trials import Trials
 
 CURRENTS = np.geomspace(0.05, 5.0, 10)
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import norm
 
 from hdsafebo.optimizers.registry import make_optimizer
-from hdsafebo.problem import Trials
 from hdsafebo.problems.synthetic import SyntheticProblem, pca_of_initial
+from hdsafebo.trials import Trials
 
 SMALL = {"dimension": 30, "latent_dimension": 6, "effective_dimension": 4}
 
@@ -90,7 +90,7 @@ def test_local_variant_on_a_small_task() -> None:
 @pytest.mark.slow
 def test_random_search_has_its_closed_form() -> None:
     """Far points are independent: Safety = Phi(-h), Violation = 300 (phi(h) + h Phi(h))."""
-    pytest.importorskip("hdsafebo.optimizers.sobol")
+    pytest.importorskip("hdsafebo.optimizers.controls.sobol")
     safety, violation = [], []
     for seed in range(1000, 1100):
         problem = SyntheticProblem(seed)

@@ -15,8 +15,8 @@ import pytest
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.build import build_report
-from hdsafebo.report.inputs import Frame
-from hdsafebo.report.results import Settings
+from hdsafebo.report.data.inputs import Frame
+from hdsafebo.report.data.results import Settings
 from report.full_size import write_everything
 from report.run_files import trial_table, write_run
 

@@ -10,9 +10,9 @@ from scipy.stats import norm
 
 from hdsafebo.report.claims.base import NOT_RUN, Claim, Verdict, superiority, worst_of
 from hdsafebo.report.claims.paper import paper_claims
-from hdsafebo.report.inputs import Isometry, Stimulation
-from hdsafebo.report.results import Results, Settings
-from hdsafebo.report.runs import read_runs
+from hdsafebo.report.data.inputs import Isometry, Stimulation
+from hdsafebo.report.data.results import Results, Settings
+from hdsafebo.runs.read import read_runs
 from report.run_files import trial_table, write_run
 
 SEEDS = 8

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from hdsafebo.report.data.paper import paper_size, paper_value
 from hdsafebo.report.formatting import number, paper_text, signed, with_error
-from hdsafebo.report.paper import paper_size, paper_value
-from hdsafebo.report.statistics import Estimate
+from hdsafebo.report.stats.statistics import Estimate
 
 NAN = float("nan")
 

@@ -12,14 +12,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.report.hand_inputs import Difficulty, HandInputs, read_hand
-from hdsafebo.report.inputs import Frame, read_inputs
-from hdsafebo.report.results import Results
-from hdsafebo.report.runs import read_runs
+from hdsafebo.report.data.hand_inputs import Difficulty, HandInputs, read_hand
+from hdsafebo.report.data.inputs import Frame, read_inputs
+from hdsafebo.report.data.results import Results
 from hdsafebo.report.sections.base import Text
 from hdsafebo.report.sections.hand import hand_section
-from hdsafebo.report.tables import Table
-from hdsafebo.report.tables_hand import Upright, upright, upright_finding
+from hdsafebo.report.tables.hand import Upright, upright, upright_finding
+from hdsafebo.report.tables.results import Table
+from hdsafebo.runs.read import read_runs
 from report.run_files import trial_table, write_run
 
 DIFFICULTY = {

@@ -13,9 +13,9 @@ import yaml
 
 from hdsafebo.session.create import create_session
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
-from hdsafebo.session.month import initial_table
-from hdsafebo.session.patient import SimulatedPatient
-from hdsafebo.session.responses import MUSCLES, Responses
+from hdsafebo.session.patient.month import initial_table
+from hdsafebo.session.patient.patient import SimulatedPatient
+from hdsafebo.session.patient.responses import MUSCLES, Responses
 from hdsafebo.session.session import Session
 from tests.session.small import CURRENTS_MA, FakeClock, small_definition, write_box_files
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hdsafebo.session.month import example_definition
-from hdsafebo.session.space import Report
-from hdsafebo.session.state import Trial
+from hdsafebo.session.log.state import Trial
+from hdsafebo.session.patient.month import example_definition
+from hdsafebo.session.spaces.space import Report
 
 CURRENTS_MA = [0.05, 0.1, 0.2, 0.3, 0.4]
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from hdsafebo.session.audit import replay, verify_session
 from hdsafebo.session.session import Session
+from hdsafebo.session.views.audit import replay, verify_session
 
 Make = Callable[..., Session]
 

@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 import uvicorn
 
-from hdsafebo.session.believed import believed_best
 from hdsafebo.session.create import create_session
-from hdsafebo.session.month import answer, simulated_patient
-from hdsafebo.session.responses import Responses
+from hdsafebo.session.patient.month import answer, simulated_patient
+from hdsafebo.session.patient.responses import Responses
 from hdsafebo.session.session import Session
+from hdsafebo.session.views.believed import believed_best
 from hdsafebo.session.web.app import Page
 from hdsafebo.session.web.guard import is_loopback
 from tests.session.browser import CHROMIUM, DRIVER, Browser, free_port, wait_for

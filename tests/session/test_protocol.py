@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hdsafebo.session.advisor_cache import restored_advisor
+from hdsafebo.session.advice.advisor_cache import restored_advisor
 from hdsafebo.session.create import create_session
 from hdsafebo.session.errors import (
     DefinitionError,
@@ -18,9 +18,9 @@ from hdsafebo.session.errors import (
     RecordingError,
     SessionError,
 )
+from hdsafebo.session.log.store import MovedOnError
 from hdsafebo.session.session import Session
-from hdsafebo.session.space import Report
-from hdsafebo.session.store import MovedOnError
+from hdsafebo.session.spaces.space import Report
 from tests.session.small import bowl, box_definition, measured, write_box_files
 
 Make = Callable[..., Session]

@@ -9,26 +9,26 @@ import numpy as np
 import pytest
 import yaml
 
-from hdsafebo.session.audit import replay
+from hdsafebo.session.candidates.stimulation_set import StimulationSet, enumerate_polarities
 from hdsafebo.session.create import create_session
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
-from hdsafebo.session.emg import selectivity
 from hdsafebo.session.errors import LimitError, ProtocolError, RecordingError
-from hdsafebo.session.month import (
+from hdsafebo.session.measuring.emg import selectivity
+from hdsafebo.session.patient.month import (
     answer,
     run_month,
     simulated_patient,
 )
-from hdsafebo.session.month_result import count_breaches, evaluate_month
-from hdsafebo.session.patient import SimulatedPatient
-from hdsafebo.session.responses import Responses
+from hdsafebo.session.patient.month_result import count_breaches, evaluate_month
+from hdsafebo.session.patient.patient import SimulatedPatient
+from hdsafebo.session.patient.responses import Responses
 from hdsafebo.session.session import Session
-from hdsafebo.session.space import Report
-from hdsafebo.session.stimulation_set import StimulationSet, enumerate_polarities
-from hdsafebo.session.stimulation_space import StimulationSpace, arrays
+from hdsafebo.session.spaces.space import Report
+from hdsafebo.session.spaces.stimulation import StimulationSpace, arrays
+from hdsafebo.session.views.audit import replay
 from hdsafebo.spinal.configurations import enumerate_configurations
+from tests.session.measuring.test_stimulator import allowed_by_hand
 from tests.session.small import CURRENTS_MA, FakeClock, small_definition
-from tests.session.test_stimulator import allowed_by_hand
 
 Clinic = tuple[Session, SimulatedPatient]
 

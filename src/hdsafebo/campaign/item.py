@@ -9,15 +9,15 @@ from typing import Any
 from hdsafebo.campaign.executor import execute
 from hdsafebo.campaign.journal import make_durable_directory
 from hdsafebo.campaign.progress import ProgressWatcher
-from hdsafebo.campaign.run_file import RunMetadata, write_run_file
 from hdsafebo.campaign.run_spec import RunSpec, budget_of
 from hdsafebo.campaign.runner import RunResult, run
-from hdsafebo.campaign.series import mean_series, round_series
-from hdsafebo.campaign.tracking import Tracker
 from hdsafebo.errors import JournalError, ParamsError
 from hdsafebo.params import Params
+from hdsafebo.pipeline.tracking import Tracker
 from hdsafebo.problems.registry import family_of
 from hdsafebo.progress import progress
+from hdsafebo.runs.rounds import mean_series, round_series
+from hdsafebo.runs.write import RunMetadata, write_run_file
 
 
 def run_path(task: str, method: str, root: Path) -> Path:

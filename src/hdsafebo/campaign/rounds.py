@@ -23,10 +23,10 @@ from typing import Any, cast
 import numpy as np
 
 from hdsafebo.campaign.journal import Journal
-from hdsafebo.campaign.provenance import digest_file, digest_json
-from hdsafebo.campaign.run_file import Rows
 from hdsafebo.errors import JournalError
-from hdsafebo.problem import Trials
+from hdsafebo.pipeline.provenance import digest_file, digest_json
+from hdsafebo.runs.write import Rows
+from hdsafebo.trials import Trials
 
 _KEY_LENGTH = 24
 _LOCK_POLL_S = 0.2

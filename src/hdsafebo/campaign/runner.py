@@ -18,15 +18,16 @@ import numpy as np
 
 from hdsafebo.campaign.progress import Beacon
 from hdsafebo.campaign.rounds import Round, RunJournal, points_digest
-from hdsafebo.campaign.run_file import Rows, RunCounts, join_rows, rows_of, safety_columns
 from hdsafebo.campaign.run_spec import RunSpec, budget_of, identity_of
 from hdsafebo.errors import JournalError, NoSafePointError, SurrogateError
+from hdsafebo.gp.safe_set import alpha_of
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.optimizers.registry import ORIGINAL_SUFFIX, load_optimizer, make_optimizer
 from hdsafebo.params import Budget
-from hdsafebo.problem import Evaluation, Problem, Trials
+from hdsafebo.problem import Problem
 from hdsafebo.problems.registry import Task, make_task
-from hdsafebo.safe_set import alpha_of
+from hdsafebo.runs.write import Rows, RunCounts, join_rows, rows_of, safety_columns
+from hdsafebo.trials import Evaluation, Trials
 
 _STATE_SHARE = 0.05  # of the run's time may go into saving states
 

@@ -8,50 +8,13 @@ and both networks first learn the principal components' codes.
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
-from pydantic import Field
 
 from hdsafebo.embeddings.base import Embedding, EmbeddingSettings, Source, Tensors
 from hdsafebo.embeddings.mlp import Layers, forward, mlp_layers, mlp_specs, mlp_tensors
+from hdsafebo.embeddings.settings import AutoencoderSettings, IrvaeSettings
 from hdsafebo.embeddings.storage import TensorSpec
-from hdsafebo.embeddings.training_settings import TrainingSettings
-from hdsafebo.problem import FloatArray
-
-
-class AutoencoderSettings(TrainingSettings):
-    """Settings of the variational autoencoders.
-
-    Attributes:
-        latent_dim: d; the paper has 16 for field maps and 6 for digits.
-        layers: hidden layers of the encoder, and of the decoder.
-        hidden: units of a hidden layer.
-        warm_start_epochs: of the epochs, how many first regress the principal components' codes; 0 is a
-            cold start.
-        decoder_sigma: first value of the decoder's standard deviation, in units of the data's.
-    """
-
-    latent_dim: Annotated[int, Field(ge=1)] = 16
-    layers: Annotated[int, Field(ge=1)] = 4
-    hidden: Annotated[int, Field(ge=1)] = 256
-    epochs: Annotated[int, Field(ge=1)] = 60
-    batch_size: Annotated[int, Field(ge=1)] = 256
-    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
-    patience: Annotated[int, Field(ge=1)] = 15
-    warm_start_epochs: Annotated[int, Field(ge=0)] = 5
-    decoder_sigma: Annotated[float, Field(gt=0)] = 1.0
-
-
-class IrvaeSettings(AutoencoderSettings):
-    """Settings of the isometrically regularised autoencoder.
-
-    Attributes:
-        isometry_weight: of the relaxed distortion, in nats per input dimension; the distortion is scaled to
-            be 1 at best, so the weight means the same for every d and D.
-    """
-
-    isometry_weight: Annotated[float, Field(gt=0)] = 0.1
+from hdsafebo.typing import FloatArray
 
 
 class VAE(Embedding):
@@ -71,7 +34,7 @@ class VAE(Embedding):
         return self.settings.latent_dim
 
     def _fit(self, x: FloatArray, rng: np.random.Generator, source: Source) -> None:
-        from hdsafebo.embeddings.autoencoder_training import fit_autoencoder
+        from hdsafebo.embeddings.training.autoencoder import fit_autoencoder
 
         fitted = fit_autoencoder(self.name, self.settings, self._isometry_weight, x, rng, source)
         self._mean, self._scale = fitted.mean, np.array([fitted.scale])

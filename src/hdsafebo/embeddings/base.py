@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from hdsafebo.embeddings.storage import Tensor, TensorSpec, card_of, read_card, read_tensors, write_files
 from hdsafebo.errors import DatasetError, EmbeddingFileError, EmbeddingTrainingError, ParamsError
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 
 Source = Callable[[FloatArray, np.random.Generator], FloatArray]
 """Draws one training set (n, D) from n given points: a fresh variation of the data per epoch."""

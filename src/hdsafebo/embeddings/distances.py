@@ -8,8 +8,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from hdsafebo.embeddings.base import Embedding
 from hdsafebo.errors import DatasetError
-from hdsafebo.kernel import exact_distances, matern52
-from hdsafebo.problem import FloatArray
+from hdsafebo.gp.kernel import exact_distances, matern52
+from hdsafebo.typing import FloatArray
 
 Rows = NDArray[np.intp]
 

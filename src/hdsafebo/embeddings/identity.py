@@ -6,7 +6,7 @@ import numpy as np
 
 from hdsafebo.embeddings.base import Embedding, EmbeddingSettings, Source, Tensors
 from hdsafebo.embeddings.storage import TensorSpec
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 
 
 class IdentitySettings(EmbeddingSettings):

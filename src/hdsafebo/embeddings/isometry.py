@@ -24,7 +24,7 @@ from hdsafebo.embeddings.distances import (
     reconstruction_mse,
 )
 from hdsafebo.errors import IsometryError
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 
 
 @dataclass(frozen=True)

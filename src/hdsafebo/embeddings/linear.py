@@ -9,7 +9,7 @@ from pydantic import Field
 
 from hdsafebo.embeddings.base import Embedding, EmbeddingSettings, Source, Tensors
 from hdsafebo.embeddings.storage import TensorSpec
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 
 
 class LinearSettings(EmbeddingSettings):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.embeddings.storage import Tensor, TensorSpec
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 
 CHUNK = 8192  # rows at a time, which bounds the memory of the hidden layers
 

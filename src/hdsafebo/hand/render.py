@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.hand.bottle import BOTTLE
 from hdsafebo.hand.rollout import Scene
+from hdsafebo.hand.scene.bottle import BOTTLE
 from hdsafebo.pictures.offscreen import OffscreenRenderer, Picture, View
 from hdsafebo.pictures.video import write_video
 

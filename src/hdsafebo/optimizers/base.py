@@ -18,16 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import NoSafePointError, TrialError
-from hdsafebo.gp_fit import LengthScaleLimits, NoisePrior
-from hdsafebo.optimizers.fits import FitCounts, Fits
-from hdsafebo.optimizers.ledger import Ledger
-from hdsafebo.optimizers.nearest_trials import rows_near_best
-from hdsafebo.optimizers.proposal import Codec, Proposal, candidates_left, encode, realise
-from hdsafebo.optimizers.results import check_points, check_results, check_rows
-from hdsafebo.optimizers.settings import OptimizerSettings, check_settings
-from hdsafebo.problem import FloatArray, IntArray, Problem, Trials, check_problem
-from hdsafebo.search_space import SearchSpace
-from hdsafebo.surrogate import (
+from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior
+from hdsafebo.gp.surrogate import (
     DistanceCache,
     Surrogate,
     SurrogateState,
@@ -35,6 +27,17 @@ from hdsafebo.surrogate import (
     modelled_safety,
     modelled_thresholds,
 )
+from hdsafebo.optimizers.core.fits import FitCounts, Fits
+from hdsafebo.optimizers.core.ledger import Ledger
+from hdsafebo.optimizers.core.nearest_trials import rows_near_best
+from hdsafebo.optimizers.core.persistence import load_optimizer, save_optimizer
+from hdsafebo.optimizers.core.proposal import Proposal, candidates_left, encode, realise
+from hdsafebo.optimizers.core.results import check_points, check_results, check_rows
+from hdsafebo.optimizers.settings import OptimizerSettings, check_settings
+from hdsafebo.problem import Codec, Problem, check_problem
+from hdsafebo.search.space import SearchSpace
+from hdsafebo.trials import Trials
+from hdsafebo.typing import FloatArray, IntArray
 
 
 class Optimizer(ABC):
@@ -359,7 +362,7 @@ class Optimizer(ABC):
         Its inputs are codes z (kernel inputs, for methods with kernel inputs of their own); its outputs have
         the units of the outcomes, after each safety function's transform.
         """
-        from hdsafebo.botorch_model import to_botorch
+        from hdsafebo.optimizers.core.botorch_model import to_botorch
 
         plain = type(self).kernel_inputs is Optimizer.kernel_inputs
         return to_botorch(self.surrogate, self.space if plain else None)
@@ -372,8 +375,6 @@ class Optimizer(ABC):
         Raises:
             StateFileError: the file cannot be written.
         """
-        from hdsafebo.optimizers.persistence import save_optimizer
-
         save_optimizer(self, Path(path))
 
     @classmethod
@@ -383,8 +384,6 @@ class Optimizer(ABC):
         Raises:
             StateFileError: the file is missing, damaged, or belongs to another method, problem or embedding.
         """
-        from hdsafebo.optimizers.persistence import load_optimizer
-
         return load_optimizer(cls, Path(path), problem, embedding)
 
     def _pending(self, proposal: Proposal) -> Trials:

@@ -23,12 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from hdsafebo.gp.sampling import thompson_sample
 from hdsafebo.optimizers.base import Optimizer, Proposal
-from hdsafebo.optimizers.empty_set import complete_batch
+from hdsafebo.optimizers.core.empty_set import complete_batch
 from hdsafebo.optimizers.settings import OptimizerSettings
-from hdsafebo.problem import FloatArray, Trials
-from hdsafebo.sampling import sobol_points, thompson_sample
-from hdsafebo.trust_region import TrustRegion, TrustRegionRule, safe_update
+from hdsafebo.search.candidates import sobol_points
+from hdsafebo.search.region import TrustRegion, TrustRegionRule, safe_update
+from hdsafebo.trials import Trials
+from hdsafebo.typing import FloatArray
 
 
 class HdSafeBOSettings(OptimizerSettings):

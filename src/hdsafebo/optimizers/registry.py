@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from hdsafebo.optimizers.base import Optimizer
-    from hdsafebo.optimizers.proposal import Codec
-    from hdsafebo.problem import Problem
+    from hdsafebo.problem import Codec, Problem
 
 ORIGINAL_SUFFIX = "_original"
 
@@ -37,7 +36,7 @@ class Method:
 METHODS: dict[str, Method] = {
     "hdsafebo": Method("hdsafebo", "HdSafeBO"),
     "hdsafebo_literal": Method("hdsafebo", "HdSafeBO", {"unit": "box"}),
-    "hdsafebo_local": Method("hdsafebo_local", "HdSafeBOLocal"),
+    "hdsafebo_local": Method("local.optimizer", "HdSafeBOLocal"),
     # ablations of the paper (figures of its appendix): no local search, no optimism, other confidence
     "hdsafebo_global": Method("hdsafebo", "HdSafeBO", {"local": False}),
     "hdsafebo_pessimistic": Method("hdsafebo", "HdSafeBO", {"beta": -2.0}),
@@ -46,22 +45,22 @@ METHODS: dict[str, Method] = {
     "hdsafebo_beta8": Method("hdsafebo", "HdSafeBO", {"beta": 8.0}),
     "hdsafebo_beta16": Method("hdsafebo", "HdSafeBO", {"beta": 16.0}),
     # baselines of the paper
-    "linebo": Method("linebo", "LineBO"),
-    "scbo": Method("scbo", "Scbo"),
-    "config": Method("config", "Config"),
-    "cei": Method("cei", "Cei"),
-    "cei_prob": Method("cei", "CeiProb"),
-    "cmaes": Method("cmaes", "CmaEs"),
-    "cmaes_centre": Method("cmaes", "CmaEs", {"start": "centre"}),
-    "safeopt": Method("safeopt", "SafeOpt"),
+    "linebo": Method("baselines.linebo", "LineBO"),
+    "scbo": Method("baselines.scbo", "Scbo"),
+    "config": Method("baselines.config", "Config"),
+    "cei": Method("baselines.cei", "Cei"),
+    "cei_prob": Method("baselines.cei", "CeiProb"),
+    "cmaes": Method("baselines.cmaes", "CmaEs"),
+    "cmaes_centre": Method("baselines.cmaes", "CmaEs", {"start": "centre"}),
+    "safeopt": Method("baselines.safeopt", "SafeOpt"),
     # without regard to safety
-    "turbo": Method("turbo", "Turbo"),
-    "hesbo": Method("hesbo", "Hesbo"),
-    "baxus": Method("baxus", "Baxus"),
+    "turbo": Method("baselines.turbo", "Turbo"),
+    "hesbo": Method("baselines.hesbo", "Hesbo"),
+    "baxus": Method("baselines.baxus", "Baxus"),
     # controls without a model
-    "sobol": Method("sobol", "Sobol"),
-    "local_random": Method("local_random", "LocalRandom"),
-    "random_lowest": Method("random_lowest", "RandomLowest"),
+    "sobol": Method("controls.sobol", "Sobol"),
+    "local_random": Method("controls.local_random", "LocalRandom"),
+    "random_lowest": Method("controls.random_lowest", "RandomLowest"),
 }
 """Every method. A name with the suffix `_original` is the same method on the problem's own inputs."""
 

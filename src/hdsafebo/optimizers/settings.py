@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from hdsafebo.errors import ParamsError
-from hdsafebo.safe_set import beta_of
+from hdsafebo.gp.safe_set import beta_of
 
 EmptySafeSet = Literal["mark", "abstain"]
 S = TypeVar("S", bound="OptimizerSettings")

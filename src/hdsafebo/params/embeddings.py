@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from hdsafebo.errors import ParamsError
 from hdsafebo.params.base import Block, Count, Scalar, Share
 
 
@@ -29,18 +28,6 @@ class Embeddings(Block):
     }
     held_out_share: Annotated[float, Field(gt=0, lt=1)] = 0.1
     seed: Annotated[int, Field(ge=0)] = 0
-
-    @model_validator(mode="after")
-    def _settings_known(self) -> Embeddings:
-        from hdsafebo.embeddings.registry import embedding_class
-        from hdsafebo.errors import UnknownNameError
-
-        for name, settings in self.models.items():
-            try:
-                embedding_class(name).check_settings(settings)
-            except (ParamsError, UnknownNameError) as error:
-                raise ValueError(f"models: {error}") from None
-        return self
 
 
 class IsometryFloors(Block):

@@ -8,8 +8,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import read_mapping
 from hdsafebo.params.model import Params
-from hdsafebo.params.yaml_file import read_mapping
 
 
 def load_params(path: Path) -> Params:

@@ -10,9 +10,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from hdsafebo.errors import PolicyFileError
+from hdsafebo.files.atomic import replacing
 from hdsafebo.policies.affine import AffinePolicy, Normalisation, PolicySpace
 from hdsafebo.typing import FloatArray
-from hdsafebo.writing import replacing
 
 _FORMAT = 1
 _MOST_BYTES = 1 << 30

@@ -41,7 +41,8 @@ from hdsafebo.policies.policy_file import check_same_space, load_policy, save_po
 from hdsafebo.policies.recording import check_seeds, recorded_observations
 from hdsafebo.policies.safety import EpisodeSafety
 from hdsafebo.policies.synergies import ActionSynergies
-from hdsafebo.problem import Evaluation, LinearFeatures, Problem, Trials, check_problem
+from hdsafebo.problem import LinearFeatures, Problem, check_problem
+from hdsafebo.trials import Evaluation, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
 _LEAST_SCALE = 0.05

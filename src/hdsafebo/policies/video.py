@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from hdsafebo.errors import ProblemError, RenderingUnavailableError
+from hdsafebo.files.atomic import replacing
 from hdsafebo.pictures.offscreen import Picture
 from hdsafebo.pictures.video import FRAMES_PER_SECOND, write_video
 from hdsafebo.policies.affine import AffinePolicy
 from hdsafebo.policies.environments import EnvironmentMaker
 from hdsafebo.policies.episode import Episode, play_episode
-from hdsafebo.writing import replacing
 
 _DEFAULT_FPS = 30
 

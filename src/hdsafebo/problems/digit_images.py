@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.problem import FloatArray
+from hdsafebo.typing import FloatArray
 
 Source = Literal["sklearn", "idx", "openml"]
 _IDX_MAX_BYTES = 200_000_000  # MNIST's training images take 47 MB; anything far larger is not MNIST

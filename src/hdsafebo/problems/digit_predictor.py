@@ -12,11 +12,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
-from hdsafebo.embeddings.training import one_torch_thread
+from hdsafebo.embeddings.training.loop import one_torch_thread
 from hdsafebo.errors import DatasetError, EmbeddingTrainingError
-from hdsafebo.problem import FloatArray
 from hdsafebo.problems.digit_images import DigitImages
 from hdsafebo.progress import progress
+from hdsafebo.typing import FloatArray
 
 _CHANNELS = (16, 32)
 _BATCH = 64

@@ -10,10 +10,12 @@ import numpy as np
 from hdsafebo.embeddings.registry import load_embedding
 from hdsafebo.errors import DatasetError
 from hdsafebo.params import Params
-from hdsafebo.problem import Evaluation, FloatArray, IntArray, Problem, Safety, Trials
+from hdsafebo.problem import Codec, Problem, Safety
 from hdsafebo.problems.digit_images import DigitImages, load_digit_images
 from hdsafebo.problems.digit_predictor import DigitPredictor
-from hdsafebo.problems.registry import Codec, Task
+from hdsafebo.problems.registry import Task
+from hdsafebo.trials import Evaluation, Trials
+from hdsafebo.typing import FloatArray, IntArray
 
 PREDICTOR_FILE = "models/digits/predictor.safetensors"
 EMBEDDING_FILE = "models/digits/embedding.safetensors"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from hdsafebo.kernel import exact_distances, matern52
-from hdsafebo.problem import FloatArray
+from hdsafebo.gp.kernel import exact_distances, matern52
+from hdsafebo.typing import FloatArray
 
 _LEAST_VARIANCE = 1e-12
 

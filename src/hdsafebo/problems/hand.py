@@ -33,8 +33,10 @@ from hdsafebo.hand.reference import behaviour_map, load_moment
 from hdsafebo.hand.rollout import UPRIGHT_TILT, Episodes, Scene, evaluate_policies
 from hdsafebo.hand.synergies import load_synergies, synergy_policies
 from hdsafebo.params import HandProblem, Params
-from hdsafebo.problem import Evaluation, FloatArray, IntArray, Problem, Safety, Trials
-from hdsafebo.problems.registry import Codec, Task
+from hdsafebo.problem import Codec, Problem, Safety
+from hdsafebo.problems.registry import Task
+from hdsafebo.trials import Evaluation, Trials
+from hdsafebo.typing import FloatArray, IntArray
 
 SYNERGY_FILE = "models/synergies/pca.safetensors"
 MOMENT_FILE = "models/synergies/observations.safetensors"

@@ -6,23 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol
 
 from hdsafebo.errors import UnknownNameError
 from hdsafebo.params import Params
-from hdsafebo.problem import FloatArray, Problem
+from hdsafebo.problem import Codec, Problem
+from hdsafebo.typing import FloatArray
 
 ORIGINAL_SUFFIX = "_original"
-
-
-class Codec(Protocol):
-    """What an optimiser needs of an embedding."""
-
-    def encode(self, x: FloatArray) -> FloatArray:
-        """(n, D) inputs to (n, d) codes."""
-
-    def decode(self, z: FloatArray) -> FloatArray:
-        """(n, d) codes to (n, D) inputs."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +40,11 @@ _FAMILIES = {
     "scs": "hdsafebo.problems.stimulation",
     "digits": "hdsafebo.problems.digits",
 }
+
+
+def family_names() -> list[str]:
+    """The families of tasks."""
+    return sorted(_FAMILIES)
 
 
 def family_of(task: str) -> str:

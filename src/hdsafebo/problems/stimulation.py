@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from hdsafebo.embeddings.registry import load_embedding
 from hdsafebo.errors import DatasetError, UnknownNameError
 from hdsafebo.params import Params
-from hdsafebo.problem import Evaluation, FloatArray, IntArray, Problem, Safety, Trials
-from hdsafebo.problems.registry import Codec, Task
+from hdsafebo.problem import Codec, Problem, Safety
+from hdsafebo.problems.registry import Task
 from hdsafebo.spinal.configurations import CONFIGURATIONS, enumerate_configurations
 from hdsafebo.spinal.field_map import PIXELS, REFERENCE_CURRENT_MA, field_maps, unit_potentials
 from hdsafebo.spinal.nearest import NearestMap
 from hdsafebo.spinal.point_sources import unit_responses
+from hdsafebo.trials import Evaluation, Trials
+from hdsafebo.typing import FloatArray, IntArray
 
 DATASET_FILE = "data/spinal/stimulation.parquet"
 MUSCLES = {"il": "IL", "vlrf": "VL&RF", "ta": "TA", "bfgm": "BF&GM", "st": "ST", "ga": "GA"}

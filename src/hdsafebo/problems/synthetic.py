@@ -14,12 +14,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hdsafebo.problem import Evaluation, FloatArray, IntArray, Problem, Safety, Trials
+from hdsafebo.problem import Problem, Safety
 from hdsafebo.problems.gaussian_path import GaussianPath
+from hdsafebo.trials import Evaluation, Trials
+from hdsafebo.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from hdsafebo.params import Params
-    from hdsafebo.problems.registry import Codec, Task
+    from hdsafebo.problem import Codec
+    from hdsafebo.problems.registry import Task
 
 
 class SyntheticProblem(Problem):

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from hdsafebo.report.claims.base import STATUS_LABELS, Claim
 from hdsafebo.report.claims.paper import paper_claims
+from hdsafebo.report.data.inputs import Inputs, read_inputs
+from hdsafebo.report.data.methods import style, task_label
+from hdsafebo.report.data.metrics import METRIC_LABELS
+from hdsafebo.report.data.planned import read_planned
+from hdsafebo.report.data.results import Results, Settings
 from hdsafebo.report.figures.workflow import workflow_figure
 from hdsafebo.report.formatting import with_error
-from hdsafebo.report.inputs import Inputs, read_inputs
-from hdsafebo.report.methods import style, task_label
-from hdsafebo.report.metrics import METRIC_LABELS
 from hdsafebo.report.outputs import curve_table, summary, write_summary
 from hdsafebo.report.page import Overview, render
-from hdsafebo.report.planned import read_planned
-from hdsafebo.report.results import Results, Settings
 from hdsafebo.report.sections.assessment import (
     clinical_section,
     embedding_section,
@@ -37,8 +37,8 @@ from hdsafebo.report.sections.experiments import (
     synthetic_section,
 )
 from hdsafebo.report.sections.hand import hand_section
-from hdsafebo.report.series import METRICS
-from hdsafebo.report.tables import Cell, Table
+from hdsafebo.report.tables.results import Cell, Table
+from hdsafebo.runs.series import METRICS
 
 RUNS = "data/runs"
 

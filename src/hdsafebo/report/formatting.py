@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hdsafebo.report.paper import PaperValue
-from hdsafebo.report.statistics import Comparison, Estimate
+from hdsafebo.report.data.paper import PaperValue
+from hdsafebo.report.stats.statistics import Comparison, Estimate
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -9,9 +9,9 @@ from typing import Any
 
 import pandas as pd
 
-from hdsafebo.report.inputs import Inputs
-from hdsafebo.report.results import Results
-from hdsafebo.report.series import METRICS
+from hdsafebo.report.data.inputs import Inputs
+from hdsafebo.report.data.results import Results
+from hdsafebo.runs.series import METRICS
 
 SUMMARY_METRICS = (*METRICS, "seconds_per_round")
 CURVE_COLUMNS = {

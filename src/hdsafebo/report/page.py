@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from hdsafebo.report.claims.base import STATUS_LABELS, Claim, Status
+from hdsafebo.report.data.inputs import Frame
+from hdsafebo.report.data.methods import DASHES, MethodStyle, style
 from hdsafebo.report.figures.drawing import Picture, save
 from hdsafebo.report.figures.panels import Figure
-from hdsafebo.report.inputs import Frame
-from hdsafebo.report.methods import DASHES, MethodStyle, style
 from hdsafebo.report.sections.base import Details, Section, Text
-from hdsafebo.report.tables import Table
+from hdsafebo.report.tables.results import Table
 
 
 @dataclass(frozen=True)

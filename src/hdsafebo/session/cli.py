@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hdsafebo.session.log.state import Trial
     from hdsafebo.session.session import Session
-    from hdsafebo.session.state import Trial
 
 _POINT_HELP = "'4- 12+ 13+ at 2.5 mA' (stimulation; either half may be left out), or NAME=VALUE ... (else)"
 _DESCRIPTION = (
@@ -136,7 +136,7 @@ def _new(arguments: argparse.Namespace) -> None:
 
 
 def _suggest(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.summary import promised
+    from hdsafebo.session.views.summary import promised
 
     session = _open(arguments)
     suggestion = session.suggest(arguments.who)
@@ -184,7 +184,7 @@ def _started(session: Session, trial: Trial) -> None:
 
 def _record(arguments: argparse.Namespace) -> None:
     from hdsafebo.session.errors import RecordingError
-    from hdsafebo.session.space import Report
+    from hdsafebo.session.spaces.space import Report
 
     session = _open(arguments)
     values: dict[str, float] = {}
@@ -207,7 +207,7 @@ def _record(arguments: argparse.Namespace) -> None:
 
 
 def _recorded(session: Session, trial: Trial) -> None:
-    from hdsafebo.session.summary import is_unsafe
+    from hdsafebo.session.views.summary import is_unsafe
 
     outcomes = trial.outcomes or {}
     shown = ", ".join(f"{k} {v:.3f}" for k, v in outcomes.items() if k == trial.target) or trial.failure
@@ -243,7 +243,7 @@ def _note(arguments: argparse.Namespace) -> None:
 
 
 def _status(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.summary import status
+    from hdsafebo.session.views.summary import status
 
     data = status(_open(arguments))
     print(f"{data['name']} ({data['kind']}), session {data['session']}")
@@ -265,20 +265,20 @@ def _status(arguments: argparse.Namespace) -> None:
 
 
 def _export(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.export import export_session
+    from hdsafebo.session.views.export import export_session
 
     for path in export_session(_open(arguments), arguments.folder, recordings=arguments.recordings):
         print(path)
 
 
 def _report(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.report import write_report
+    from hdsafebo.session.views.report import write_report
 
     print(write_report(_open(arguments), arguments.file))
 
 
 def _verify(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.audit import verify_export, verify_session
+    from hdsafebo.session.views.audit import verify_export, verify_session
 
     path = arguments.session
     verdict = (
@@ -293,8 +293,8 @@ def _verify(arguments: argparse.Namespace) -> None:
 
 def _replay(arguments: argparse.Namespace) -> None:
     from hdsafebo.progress import progress
-    from hdsafebo.session.audit import replay
     from hdsafebo.session.errors import AuditError
+    from hdsafebo.session.views.audit import replay
 
     session = _open(arguments)
     with progress(len(session.entries), "replay") as advance:
@@ -312,16 +312,16 @@ def _serve(arguments: argparse.Namespace) -> None:
 
 
 def _patient_setup(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.month import write_example
-    from hdsafebo.session.responses import load_responses
+    from hdsafebo.session.patient.month import write_example
+    from hdsafebo.session.patient.responses import load_responses
 
     for path in write_example(arguments.folder, load_responses(arguments.dataset), arguments.patient):
         print(path)
 
 
 def _patient_respond(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.month import answer, simulated_patient
-    from hdsafebo.session.responses import load_responses
+    from hdsafebo.session.patient.month import answer, simulated_patient
+    from hdsafebo.session.patient.responses import load_responses
 
     session = _open(arguments)
     patient = simulated_patient(session, load_responses(arguments.dataset), arguments.patient)
@@ -337,9 +337,9 @@ def _patient_respond(arguments: argparse.Namespace) -> None:
 
 def _patient_month(arguments: argparse.Namespace) -> None:
     from hdsafebo.progress import progress
-    from hdsafebo.session.month import run_month, simulated_patient
-    from hdsafebo.session.month_result import evaluate_month
-    from hdsafebo.session.responses import load_responses
+    from hdsafebo.session.patient.month import run_month, simulated_patient
+    from hdsafebo.session.patient.month_result import evaluate_month
+    from hdsafebo.session.patient.responses import load_responses
 
     session = _open(arguments)
     patient = simulated_patient(session, load_responses(arguments.dataset), arguments.patient)

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from hdsafebo import __version__
-from hdsafebo.session.advisor import Advisor
-from hdsafebo.session.chain import START, seal
+from hdsafebo.session.advice.advisor import Advisor
+from hdsafebo.session.advice.setup import make_search, make_space
 from hdsafebo.session.definition import load_definition, parse_definition
-from hdsafebo.session.files import INITIAL, NamedFile, digest, make_search, make_space, read_files
+from hdsafebo.session.files import INITIAL, NamedFile, digest, read_files
+from hdsafebo.session.log.chain import START, seal
+from hdsafebo.session.log.store import Clock, Store, utc_now
+from hdsafebo.session.measuring.tables import read_table
 from hdsafebo.session.session import Session
-from hdsafebo.session.store import Clock, Store, utc_now
-from hdsafebo.session.tables import read_table
 from hdsafebo.session.words import checked_name
 
 

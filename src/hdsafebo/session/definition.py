@@ -13,11 +13,11 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
+from hdsafebo.files.yaml import read_mapping
 from hdsafebo.params import Block, Count, Positive, Scalar
-from hdsafebo.params.yaml_file import read_mapping
-from hdsafebo.session.emg import Emg
 from hdsafebo.session.errors import DefinitionError
-from hdsafebo.session.stimulator import StimulationLimits, Stimulator
+from hdsafebo.session.measuring.emg import Emg
+from hdsafebo.session.measuring.stimulator import StimulationLimits, Stimulator
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s,;:/\\]+$")]

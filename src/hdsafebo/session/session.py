@@ -16,16 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from hdsafebo.errors import NoSafePointError
-from hdsafebo.session.advisor import Advisor
-from hdsafebo.session.advisor_cache import CACHE_AFTER, CACHE_BEFORE, restored_advisor
-from hdsafebo.session.chain import Entry
+from hdsafebo.session.advice.advisor import Advisor
+from hdsafebo.session.advice.advisor_cache import CACHE_AFTER, CACHE_BEFORE, restored_advisor
+from hdsafebo.session.advice.search import Search
+from hdsafebo.session.advice.setup import make_search, make_space
 from hdsafebo.session.definition import parse_definition
 from hdsafebo.session.errors import ExpiredError, ProtocolError, RecordingError, SessionError
-from hdsafebo.session.files import make_search, make_space, stored_files
-from hdsafebo.session.search import Search
-from hdsafebo.session.space import Report
-from hdsafebo.session.state import Point, State, Suggestion, Trial
-from hdsafebo.session.store import Act, Clock, MovedOnError, Store, utc_now
+from hdsafebo.session.files import stored_files
+from hdsafebo.session.log.chain import Entry
+from hdsafebo.session.log.state import Point, State, Suggestion, Trial
+from hdsafebo.session.log.store import Act, Clock, MovedOnError, Store, utc_now
+from hdsafebo.session.spaces.space import Report
 from hdsafebo.session.words import checked_name, checked_text
 
 DISCLAIMER = "Research software, not a medical device: a qualified person decides about every trial."

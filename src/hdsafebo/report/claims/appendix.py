@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from hdsafebo.report.claims.base import NOT_RUN, Claim, Verdict, grade, superiority_claim
+from hdsafebo.report.data.inputs import Isometry
+from hdsafebo.report.data.results import DIGITS, Results
 from hdsafebo.report.formatting import number
-from hdsafebo.report.inputs import Isometry
-from hdsafebo.report.results import DIGITS, Results
 
 
 def embedding_claims(isometry: dict[str, Isometry] | None) -> list[Claim]:

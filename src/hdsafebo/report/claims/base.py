@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from hdsafebo.report.data.methods import ORIGINAL, style, task_label
+from hdsafebo.report.data.metrics import METRIC_LABELS
+from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import interval, signed
-from hdsafebo.report.methods import ORIGINAL, style, task_label
-from hdsafebo.report.metrics import METRIC_LABELS
-from hdsafebo.report.results import Results
-from hdsafebo.report.statistics import MIN_PAIRS, Comparison
+from hdsafebo.report.stats.statistics import MIN_PAIRS, Comparison
 
 OURS = ("hdsafebo", "hdsafebo_local")
 BASELINES = ["linebo", "scbo", "config", "cei", "cmaes"]

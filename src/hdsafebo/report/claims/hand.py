@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from hdsafebo.report.claims.base import NOT_RUN, Claim, Verdict, grade, superiority_claim
+from hdsafebo.report.data.methods import ORIGINAL, beta_of_ablation, style
+from hdsafebo.report.data.metrics import early_violation
+from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import interval, number, signed
-from hdsafebo.report.methods import ORIGINAL, beta_of_ablation, style
-from hdsafebo.report.metrics import early_violation
-from hdsafebo.report.results import Results
-from hdsafebo.report.statistics import Comparison
+from hdsafebo.report.stats.statistics import Comparison
 
 EARLY_SHARE = 0.25
 

@@ -8,8 +8,8 @@ from hdsafebo.report.claims.hand import hand_claims
 from hdsafebo.report.claims.stimulation import round_time_claim, stimulation_claims
 from hdsafebo.report.claims.synthetic import synthetic_claims
 from hdsafebo.report.claims.theory import theory_claims
-from hdsafebo.report.inputs import Isometry, Stimulation
-from hdsafebo.report.results import Results
+from hdsafebo.report.data.inputs import Isometry, Stimulation
+from hdsafebo.report.data.results import Results
 
 
 def paper_claims(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from hdsafebo.report.claims.base import BASELINES, NOT_RUN, Claim, Verdict, grade, superiority_claim
+from hdsafebo.report.data.inputs import Stimulation
+from hdsafebo.report.data.methods import task_label
+from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import number
-from hdsafebo.report.inputs import Stimulation
-from hdsafebo.report.methods import task_label
-from hdsafebo.report.results import Results
 
 TARGETS = ["scs_st", "scs_ga"]
 

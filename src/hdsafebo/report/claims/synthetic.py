@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from hdsafebo.report.claims.base import BASELINES, NOT_RUN, Claim, Verdict, grade, superiority_claim
+from hdsafebo.report.data.methods import ORIGINAL, style
+from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import signed
-from hdsafebo.report.methods import ORIGINAL, style
-from hdsafebo.report.results import Results
 
 
 def synthetic_claims(results: Results) -> list[Claim]:

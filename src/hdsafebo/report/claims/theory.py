@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hdsafebo.report.claims.base import NOT_RUN, Claim, Verdict, grade, worst_of
+from hdsafebo.report.data.methods import task_label
+from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import number, with_error
-from hdsafebo.report.methods import task_label
-from hdsafebo.report.results import Results
 
 
 def theory_claims(results: Results) -> list[Claim]:

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from hdsafebo.report.data.methods import style, task_label
+from hdsafebo.report.data.metrics import METRIC_LABELS
+from hdsafebo.report.data.paper import paper_value
+from hdsafebo.report.data.results import Results
 from hdsafebo.report.figures.panels import Figure, Line, Panel
-from hdsafebo.report.methods import style, task_label
-from hdsafebo.report.metrics import METRIC_LABELS
-from hdsafebo.report.paper import paper_value
-from hdsafebo.report.results import Results
-from hdsafebo.report.series import METRICS
+from hdsafebo.runs.series import METRICS
 
 
 def beta_figure(results: Results, task: str, methods: dict[float, str]) -> Figure:

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from hdsafebo.report.data.methods import BLUE, ORANGE, SKY, VERMILLION
 from hdsafebo.report.figures.panels import Figure, Line, Panel
-from hdsafebo.report.methods import BLUE, ORANGE, SKY, VERMILLION
 
 
 def distance_figure(distances: dict[str, pd.DataFrame], correlations: dict[str, float]) -> Figure:

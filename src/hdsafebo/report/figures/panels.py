@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from hdsafebo.report.methods import DASHES, MethodStyle
+from hdsafebo.report.data.methods import DASHES, MethodStyle
 
 PANEL_INCHES = (3.7, 2.7)
 

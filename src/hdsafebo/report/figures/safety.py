@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from hdsafebo.report.calibration import Calibration
+from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.figures.panels import Figure, Line, Panel
-from hdsafebo.report.methods import style, task_label
+from hdsafebo.report.stats.calibration import Calibration
 
 
 def calibration_figure(task: str, calibrations: dict[str, Calibration]) -> Figure:

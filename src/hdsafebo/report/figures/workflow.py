@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from hdsafebo.report.data.methods import BLUE, GREEN, PURPLE
 from hdsafebo.report.figures.panels import Figure, Panel
-from hdsafebo.report.methods import BLUE, GREEN, PURPLE
 
 _BOXES = (
     # x, y, width, height, title, text

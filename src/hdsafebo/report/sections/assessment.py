@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import pandas as pd
 
-from hdsafebo.report.calibration import Calibration, calibrate
+from hdsafebo.report.data.inputs import Inputs, Isometry
+from hdsafebo.report.data.methods import style, task_label
+from hdsafebo.report.data.paper import ISOMETRY, ISOMETRY_POINTS, ISOMETRY_SOURCE
+from hdsafebo.report.data.results import Results
 from hdsafebo.report.figures.ablation import seconds_figure
 from hdsafebo.report.figures.inputs import distance_figure
 from hdsafebo.report.figures.safety import calibration_figure
 from hdsafebo.report.formatting import number
-from hdsafebo.report.inputs import Inputs, Isometry
-from hdsafebo.report.methods import style, task_label
-from hdsafebo.report.paper import ISOMETRY, ISOMETRY_POINTS, ISOMETRY_SOURCE
-from hdsafebo.report.results import Results
 from hdsafebo.report.sections.base import Block, Details, Section, Text, not_run
-from hdsafebo.report.statistics import MIN_PAIRS
-from hdsafebo.report.tables import Cell, Table
-from hdsafebo.report.tables_safety import bin_table, calibration_table
-from hdsafebo.report.tables_speed import seconds_table
+from hdsafebo.report.stats.calibration import Calibration, calibrate
+from hdsafebo.report.stats.statistics import MIN_PAIRS
+from hdsafebo.report.tables.results import Cell, Table
+from hdsafebo.report.tables.safety import bin_table, calibration_table
+from hdsafebo.report.tables.speed import seconds_table
 
 _ISOMETRY_COLUMNS = {
     "distance_correlation": "Distance correlation ↑",

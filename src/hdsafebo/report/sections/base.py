@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from hdsafebo.report.data.inputs import Frame
 from hdsafebo.report.figures.panels import Figure
-from hdsafebo.report.inputs import Frame
-from hdsafebo.report.tables import Table
+from hdsafebo.report.tables.results import Table
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import pandas as pd
 
 from hdsafebo.report.claims.hand import beta_methods
+from hdsafebo.report.data.inputs import Inputs
+from hdsafebo.report.data.methods import style, task_label
+from hdsafebo.report.data.results import DIGITS, Results
 from hdsafebo.report.figures.ablation import beta_figure
 from hdsafebo.report.figures.curves import curve_figures, final_figure, single_curve_figure
 from hdsafebo.report.figures.inputs import field_map_figure, selectivity_figure
 from hdsafebo.report.formatting import number
-from hdsafebo.report.inputs import Inputs
-from hdsafebo.report.methods import style, task_label
-from hdsafebo.report.regret import regret
-from hdsafebo.report.results import DIGITS, Results
 from hdsafebo.report.sections.base import Block, Details, Section, Text, not_run
 from hdsafebo.report.sections.findings import (
     closed_form_finding,
@@ -23,8 +22,9 @@ from hdsafebo.report.sections.findings import (
     same_trials_findings,
     size_sentence,
 )
-from hdsafebo.report.tables import comparison_table, metrics_table
-from hdsafebo.report.tables_speed import regret_table
+from hdsafebo.report.stats.regret import regret
+from hdsafebo.report.tables.results import comparison_table, metrics_table
+from hdsafebo.report.tables.speed import regret_table
 
 RANDOM_EMBEDDINGS = ("hesbo", "baxus")
 ABLATION = ("hdsafebo", "hdsafebo_global", "hdsafebo_pessimistic")

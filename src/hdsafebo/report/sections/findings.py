@@ -7,14 +7,14 @@ import math
 import pandas as pd
 from scipy.stats import norm
 
+from hdsafebo.report.data.methods import style, task_label
+from hdsafebo.report.data.metrics import METRIC_LABELS
+from hdsafebo.report.data.paper import paper_size, paper_value
+from hdsafebo.report.data.results import DIGITS, Results
 from hdsafebo.report.formatting import number, with_error
-from hdsafebo.report.methods import style, task_label
-from hdsafebo.report.metrics import METRIC_LABELS
-from hdsafebo.report.paper import paper_size, paper_value
-from hdsafebo.report.results import DIGITS, Results
 from hdsafebo.report.sections.base import Text
-from hdsafebo.report.series import METRICS
-from hdsafebo.report.statistics import MIN_PAIRS
+from hdsafebo.report.stats.statistics import MIN_PAIRS
+from hdsafebo.runs.series import METRICS
 
 AGREEMENT = 2.0
 

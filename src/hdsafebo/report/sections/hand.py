@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from hdsafebo.report.data.hand_inputs import Difficulty, HandInputs, Policies, Policy
+from hdsafebo.report.data.inputs import Frame, Inputs
+from hdsafebo.report.data.methods import style
+from hdsafebo.report.data.results import Results
 from hdsafebo.report.figures.inputs import learning_figure, synergy_figure
 from hdsafebo.report.formatting import number
-from hdsafebo.report.hand_inputs import Difficulty, HandInputs, Policies, Policy
-from hdsafebo.report.inputs import Frame, Inputs
-from hdsafebo.report.methods import style
-from hdsafebo.report.results import Results
 from hdsafebo.report.sections.base import Block, Section, Text, not_run
 from hdsafebo.report.sections.experiments import compared, task_blocks
-from hdsafebo.report.tables_hand import upright, upright_finding, upright_table
+from hdsafebo.report.tables.hand import upright, upright_finding, upright_table
 
 _INTRO = Text(
     "A linear policy turns observations into muscle synergies; the bottle is to be rotated to vertical "

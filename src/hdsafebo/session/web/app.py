@@ -22,14 +22,14 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from hdsafebo.errors import HdSafeBOError
-from hdsafebo.session.believed import believed_best
 from hdsafebo.session.errors import ProtocolError, RecordingError
-from hdsafebo.session.plots import calibration_svg, course_svg
-from hdsafebo.session.recordings import MAX_BYTES
+from hdsafebo.session.log.store import MovedOnError
+from hdsafebo.session.measuring.recordings import MAX_BYTES
 from hdsafebo.session.session import Session
-from hdsafebo.session.space import Report
-from hdsafebo.session.store import MovedOnError
-from hdsafebo.session.summary import status, trial_data
+from hdsafebo.session.spaces.space import Report
+from hdsafebo.session.views.believed import believed_best
+from hdsafebo.session.views.plots import calibration_svg, course_svg
+from hdsafebo.session.views.summary import status, trial_data
 from hdsafebo.session.web.guard import Guard
 
 STATIC = Path(__file__).parent / "static"

@@ -1,0 +1,1 @@
+"""How learned embeddings are trained: needs torch, which no other module of `embeddings` imports."""

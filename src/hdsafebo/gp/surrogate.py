@@ -1,0 +1,214 @@
+"""What the optimiser believes of the objective and of the safety functions.
+
+The only place that knows standardisation, noise, length scales, and what mu + beta * sigma means. The classes
+and functions here work on kernel inputs: whatever space the caller measures distances in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdsafebo.errors import SurrogateError
+from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior, fit_gaussian_process
+from hdsafebo.gp.gaussian_process import GaussianProcess, Hyperparameters
+from hdsafebo.gp.kernel import exact_distances
+from hdsafebo.gp.safe_set import safe_probability, violation_bound
+from hdsafebo.problem import Safety
+from hdsafebo.typing import FloatArray
+
+
+class DistanceCache:
+    """Distances between the rows of a table that mostly grows at its end, as if computed anew, to the bit."""
+
+    def __init__(self) -> None:
+        self._inputs = np.empty((0, 0))
+        self._distances = np.empty((0, 0))
+
+    def of(self, inputs: FloatArray) -> FloatArray:
+        """(n, n) distances between the rows of (n, p) kernel inputs; not to be written to."""
+        known = len(self._inputs)
+        if not (known and known <= len(inputs) and np.array_equal(self._inputs, inputs[:known])):
+            known = 0
+        if known < len(inputs):
+            grown = np.empty((len(inputs), len(inputs)))
+            grown[:known, :known] = self._distances[:known, :known]
+            grown[known:] = exact_distances(inputs[known:], inputs)
+            grown[:known, known:] = grown[known:, :known].T
+            self._inputs, self._distances = inputs.copy(), grown
+        return self._distances
+
+
+@dataclass(frozen=True)
+class SurrogateState:
+    """Where the fits of all functions stand: what a later fit starts from."""
+
+    objective: Hyperparameters
+    safety: tuple[Hyperparameters, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"objective": asdict(self.objective), "safety": [asdict(h) for h in self.safety]}
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> SurrogateState:
+        """The state that `to_json` wrote."""
+
+        def read(entry: dict[str, Any]) -> Hyperparameters:
+            return Hyperparameters(**(entry | {"steps": tuple(entry["steps"])}))
+
+        return cls(read(data["objective"]), tuple(read(entry) for entry in data["safety"]))
+
+
+@dataclass(frozen=True)
+class Surrogate:
+    """Independent Gaussian processes of the objective and of each modelled safety function.
+
+    Attributes:
+        objective: model of the objective.
+        safety: one model per modelled safety function, in the problem's order.
+        thresholds: (m,) of the modelled safety functions, in the units of their models (after `transform`).
+    """
+
+    objective: GaussianProcess
+    safety: tuple[GaussianProcess, ...]
+    thresholds: FloatArray
+
+    @property
+    def state(self) -> SurrogateState:
+        """What the next fit starts from."""
+        return SurrogateState(self.objective.hyper, tuple(gp.hyper for gp in self.safety))
+
+    @property
+    def inputs(self) -> FloatArray:
+        """(n, p) kernel inputs of the data."""
+        return self.objective.inputs
+
+    @property
+    def length_scale(self) -> float:
+        """The shortest fitted length scale: the distance over which anything is known to vary little."""
+        return min(gp.length_scale for gp in (self.objective, *self.safety))
+
+    def predict_safety(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(k, m) posterior means and deviations of the safety functions at (k, p) kernel inputs."""
+        predictions = [gp.predict(x) for gp in self.safety]
+        return np.column_stack([p[0] for p in predictions]), np.column_stack([p[1] for p in predictions])
+
+    def slack(self, x: FloatArray, beta: float) -> FloatArray:
+        """(k,) least of (mu + beta * sigma - h) / prior deviation over safety functions."""
+        mean, deviation = self.predict_safety(x)
+        scale = np.array([gp.signal_deviation for gp in self.safety])
+        return np.asarray(((mean + beta * deviation - self.thresholds) / scale).min(axis=1))
+
+    def slack_with_gradient(self, x: FloatArray, beta: float) -> tuple[FloatArray, FloatArray]:
+        """`slack`, (k,), and its gradient (k, p): that of the safety function nearest to its threshold."""
+        rows = np.arange(len(x))
+        slacks, gradients = [], []
+        for gp, threshold in zip(self.safety, self.thresholds, strict=True):
+            mean, deviation, mean_gradient, deviation_gradient = gp.predict_with_gradient(x)
+            slacks.append((mean + beta * deviation - threshold) / gp.signal_deviation)
+            gradients.append((mean_gradient + beta * deviation_gradient) / gp.signal_deviation)
+        nearest = np.argmin(slacks, axis=0)
+        return np.array(slacks)[nearest, rows], np.array(gradients)[nearest, rows]
+
+    def believed_safe(self, x: FloatArray, beta: float) -> NDArray[np.bool_]:
+        """(k,) True where mu + beta * sigma >= h for every safety function.
+
+        Sigma lies between 0 and the prior deviation, so the mean alone decides most points; the rest, and
+        only they, cost a triangular solve.
+        """
+        safe = np.ones(len(x), bool)
+        for gp, threshold in zip(self.safety, self.thresholds, strict=True):
+            rows = np.flatnonzero(safe)
+            if len(rows) == 0:
+                break
+            correlation = gp.correlation(x[rows])
+            mean = gp.outcomes.restore(gp.mean + correlation @ gp.weights)
+            ends = np.sort(beta * gp.signal_deviation * np.array([0.0, 1.0])) + mean[:, None] - threshold
+            undecided = (ends[:, 0] < 0) & (ends[:, 1] >= 0)
+            passed = ends[:, 0] >= 0
+            passed[undecided] = mean[undecided] + beta * gp.deviation(correlation[undecided]) >= threshold
+            safe[rows[~passed]] = False
+        return safe
+
+    def safe_probability(self, x: FloatArray) -> FloatArray:
+        """(k,) probability that every modelled safety function meets its threshold."""
+        return safe_probability(*self.predict_safety(x), self.thresholds)
+
+    def violation_bound(self, x: FloatArray, beta: float | None) -> FloatArray:
+        """(k,) bound on the expected violation (see `safe_set.violation_bound`), in the models' units."""
+        return violation_bound(*self.predict_safety(x), self.thresholds, beta)
+
+
+def modelled_safety(functions: Sequence[Safety], values: FloatArray) -> FloatArray:
+    """(n, m') columns of the (n, m) safety values that are modelled, transformed."""
+    return np.column_stack(
+        [apply_transform(s.transform, values[:, j]) for j, s in enumerate(functions) if s.modelled]
+    )
+
+
+def modelled_thresholds(functions: Sequence[Safety]) -> FloatArray:
+    """(m',) thresholds of the modelled safety functions, transformed along with the values."""
+    return np.array(
+        [apply_transform(s.transform, np.array([s.threshold]))[0] for s in functions if s.modelled]
+    )
+
+
+def apply_transform(transform: Callable[[FloatArray], FloatArray] | None, values: FloatArray) -> FloatArray:
+    """Values as they are modelled."""
+    return values if transform is None else np.asarray(transform(values), float)
+
+
+def fit_surrogate(
+    inputs: FloatArray,
+    objective: FloatArray,
+    safety: FloatArray,
+    thresholds: FloatArray,
+    *,
+    start: SurrogateState | None = None,
+    cache: DistanceCache | None = None,
+    limits: LengthScaleLimits | None = None,
+    noise: NoisePrior | None = None,
+    refine: bool = True,
+) -> Surrogate:
+    """Fit all Gaussian processes.
+
+    Args:
+        inputs: (n, p) kernel inputs of completed trials.
+        objective: (n,) outcomes.
+        safety: (n, m) modelled safety values, already transformed.
+        thresholds: (m,) transformed thresholds.
+        start: of the last fit.
+        cache: distances of an earlier call.
+        limits: of the length scales.
+        noise: prior of the noise ratios.
+        refine: False keeps the hyper-parameters of `start`, if there are any.
+
+    Raises:
+        SurrogateError: a process cannot be fitted, not even with the last good hyper-parameters, or the
+            inputs have no finite distances.
+    """
+    distances = (cache or DistanceCache()).of(inputs)
+    if not np.isfinite(distances).all():
+        raise SurrogateError(
+            f"distances between the kernel inputs of {len(inputs)} trials are not finite; expected inputs "
+            "(codes or features) that are finite and whose squares are"
+        )
+    starts = (None,) * (1 + safety.shape[1]) if start is None else (start.objective, *start.safety)
+    outcomes = [objective, *safety.T]
+    processes = [
+        fit_gaussian_process(
+            inputs, distances, np.ascontiguousarray(y), start=s, limits=limits, noise=noise, refine=refine
+        )
+        for y, s in zip(outcomes, starts, strict=True)
+    ]
+    # A threshold goes through the same drawing-in as the values, so that it keeps its place among them.
+    shown = [
+        float(gp.outcomes.restore(gp.outcomes.standardise(np.array(h))))
+        for gp, h in zip(processes[1:], thresholds, strict=True)
+    ]
+    return Surrogate(processes[0], tuple(processes[1:]), np.array(shown))

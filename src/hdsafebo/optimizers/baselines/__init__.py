@@ -1,0 +1,1 @@
+"""Published methods, a file per paper, each read like the pseudo-code of its paper."""

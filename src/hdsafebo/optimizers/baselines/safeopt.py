@@ -1,0 +1,190 @@
+"""SafeOpt: expand a set that is certified safe, and maximise within it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.linalg import solve_triangular
+
+from hdsafebo.gp.gaussian_process import GaussianProcess
+from hdsafebo.gp.kernel import fast_distances, matern52
+from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.core.empty_set import complete_batch
+from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.search.candidates import sobol_points
+from hdsafebo.typing import FloatArray, IntArray
+
+
+class SafeOptSettings(OptimizerSettings):
+    """Settings of `safeopt`.
+
+    Attributes:
+        beta: negative, so that mu + beta * sigma is the lower bound that certifies (the paper's 2).
+        grid: points of the discretisation. SafeOpt needs a finite set; in high dimension no set of
+            practical size is dense, which is why the method does not expand there.
+    """
+
+    beta: float = Field(default=-2.0, le=0)
+    grid: int = Field(default=2000, ge=1)
+
+
+class SafeOpt(Optimizer):
+    """Safe exploration for optimisation with Gaussian processes (Sui, Gotovos, Burdick, Krause, ICML 2015).
+
+    Their algorithm 1 on a fixed finite discretisation, in the form without a Lipschitz constant
+    (Berkenkamp, Schoellig and Krause, ICRA 2016):
+
+        S  the points whose lower bounds meet the thresholds, and every point that was safe when evaluated
+        M  potential maximisers: points of S whose upper bound of f reaches the best lower bound in S
+        G  potential expanders: points of S whose optimistic outcome would certify a point outside S
+        x  the point of M and G with the widest confidence interval
+
+    The later points of a batch are chosen as if the outcomes before them were their means. When nothing of
+    the discretisation is certified, S holds evaluated points only, and the most uncertain of them are
+    evaluated again: safe, and no progress. `expansion` records it. On a finite candidate set a
+    candidate cannot be evaluated twice; `empty_safe_set` then decides.
+    """
+
+    name = "safeopt"
+    Settings = SafeOptSettings
+    settings: SafeOptSettings
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._seed = int(self.rng.integers(2**32))
+        self.expansion: list[dict[str, int]] = []
+
+    def propose(self, n: int) -> Proposal:
+        """The n widest of the potential maximisers and expanders."""
+        self.centre_row()  # explains what is missing
+        points, rows = self._discretisation()
+        seeds = np.empty((0, self.space.dimension))
+        if rows is None:
+            seeds = self.space.pinned(np.clip(self.space.to_unit(self.trials.z[self.feasible]), 0.0, 1.0))
+        everything = np.vstack([points, seeds])
+        inputs = self.space.kernel_inputs(everything)
+        safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
+        certified = int(safe[: len(points)].sum())
+        safe[len(points) :] = True
+        inside = np.flatnonzero(safe)
+        interesting, expanders = self._interesting(inputs, safe)
+        self._record(len(points), certified, expanders)
+        chosen = inside[_widest(self._views(inputs[inside]), interesting, n)] if len(inside) else inside
+        chosen = complete_batch(chosen, n, inputs, self.surrogate, self.settings.empty_safe_set)
+        marked = ~safe[chosen]
+        if rows is not None:
+            return Proposal(rows=rows[chosen], marked_unsafe=marked)
+        return Proposal(everything[chosen], marked_unsafe=marked)
+
+    def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Seed of the discretisation, and the record of the expansion."""
+        return {"seed": self._seed, "expansion": self.expansion}, {}
+
+    def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        """Take back what `method_state` gave."""
+        self._seed, self.expansion = state["seed"], state["expansion"]
+
+    def _discretisation(self) -> tuple[FloatArray, IntArray | None]:
+        """(k, d) points in the unit cube, and their rows when only a finite set can be evaluated."""
+        rng = np.random.default_rng(self._seed)
+        candidates = self.problem.candidates
+        if candidates is None:
+            return self.space.pinned(sobol_points(self.settings.grid, self.space.dimension, rng)), None
+        total = len(candidates.features)
+        rows = rng.permutation(total)[: self.settings.grid]
+        free = np.setdiff1d(rows, self.taken)
+        if len(free) == 0:
+            free = np.setdiff1d(np.arange(total), self.taken)[: self.settings.grid]
+        x = candidates.inputs(free)
+        z = x if self.embedding is None else np.asarray(self.embedding.encode(x), float)
+        return self.space.to_unit(z), free
+
+    def _interesting(self, inputs: FloatArray, safe: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
+        """(s,) True for maximisers and expanders among the s safe points; the number of expanders."""
+        inside, outside = inputs[safe], inputs[~safe]
+        if len(inside) == 0:
+            return np.zeros(0, bool), 0
+        width = -self.settings.confidence
+        mean, deviation = self.surrogate.objective.predict(inside)
+        maximisers = np.asarray(mean + width * deviation >= (mean - width * deviation).max())
+        expanders = np.zeros(len(inside), bool)
+        if len(outside):
+            certified = np.ones((len(inside), len(outside)), bool)
+            for gp, threshold in zip(self.surrogate.safety, self.surrogate.thresholds, strict=True):
+                certified &= _would_certify(gp, inside, outside, float(threshold), width)
+            expanders |= certified.any(axis=1)
+        return maximisers | expanders, int(expanders.sum())
+
+    def _views(self, inputs: FloatArray) -> list[_View]:
+        """What each process knows of the safe points."""
+        return [_View.of(gp, inputs) for gp in (self.surrogate.objective, *self.surrogate.safety)]
+
+    def _record(self, grid: int, certified: int, expanders: int) -> None:
+        self.expansion.append(
+            {"round": self.round + 1, "grid": grid, "certified": certified, "expanders": expanders}
+        )
+
+
+@dataclass
+class _View:
+    """Points as one process sees them, in units of its prior variance.
+
+    Attributes:
+        gp: the process.
+        inputs: (k, p) kernel inputs.
+        half: (n, k) solution of factor @ half = correlation.
+        variance: (k,) posterior variances, updated as points are believed.
+        believed: for each believed point the (k,) vector whose square its belief takes off the variances.
+    """
+
+    gp: GaussianProcess
+    inputs: FloatArray
+    half: FloatArray
+    variance: FloatArray
+    believed: list[FloatArray]
+
+    @classmethod
+    def of(cls, gp: GaussianProcess, inputs: FloatArray) -> _View:
+        half = solve_triangular(gp.factor, gp.correlation(inputs).T, lower=True)
+        variance = np.maximum(1.0 - np.einsum("ij,ij->j", half, half), 1e-12)
+        return cls(gp, inputs, half, variance, [])
+
+    def believe(self, j: int) -> None:
+        """Take the variance that an observation of point j would take."""
+        cross = matern52(fast_distances(self.inputs[[j]], self.inputs)[0], self.gp.length_scale)
+        cross -= self.half[:, j] @ self.half
+        for vector in self.believed:
+            cross -= vector[j] * vector
+        vector = cross / np.sqrt(self.variance[j] + self.gp.hyper.noise_ratio)
+        self.believed.append(vector)
+        self.variance = np.maximum(self.variance - vector * vector, 1e-12)
+
+
+def _widest(views: list[_View], interesting: NDArray[np.bool_], n: int) -> IntArray:
+    """At most n safe points, the interesting ones first, each the widest after those before it."""
+    chosen: list[int] = []
+    for _ in range(min(n, len(interesting))):
+        width = np.max([view.variance for view in views], axis=0) + 2.0 * interesting
+        width[chosen] = -np.inf
+        j = int(np.argmax(width))
+        chosen.append(j)
+        for view in views:
+            view.believe(j)
+    return np.array(chosen, np.int64)
+
+
+def _would_certify(
+    gp: GaussianProcess, inside: FloatArray, outside: FloatArray, threshold: float, width: float
+) -> NDArray[np.bool_]:
+    """(s, u) True where the upper bound, observed at a safe point, would certify an outer one."""
+    near, far = _View.of(gp, inside), _View.of(gp, outside)
+    covariance = matern52(fast_distances(inside, outside), gp.length_scale) - near.half.T @ far.half
+    gain = covariance / (near.variance + gp.hyper.noise_ratio)[:, None]
+    # The optimistic outcome lies `width` deviations above the mean.
+    mean = gp.predict_mean(outside) + gp.signal_deviation * gain * width * np.sqrt(near.variance)[:, None]
+    variance = np.maximum(far.variance - gain * covariance, 0.0)
+    return np.asarray(mean - width * gp.signal_deviation * np.sqrt(variance) >= threshold)

@@ -1,0 +1,1 @@
+"""Controls without a model: what does not beat them has learnt nothing."""

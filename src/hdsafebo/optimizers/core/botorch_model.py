@@ -1,0 +1,58 @@
+"""The fitted surrogate as a BoTorch model, for plots and for acquisition functions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hdsafebo.gp.gaussian_process import GaussianProcess
+from hdsafebo.gp.surrogate import Surrogate
+from hdsafebo.search.space import SearchSpace
+
+if TYPE_CHECKING:
+    from botorch.models import ModelListGP, SingleTaskGP
+
+
+def to_botorch(surrogate: Surrogate, space: SearchSpace | None) -> ModelListGP:
+    """A `ModelListGP` with the surrogate's data and hyper-parameters, and so its posterior.
+
+    Args:
+        surrogate: the fitted processes: objective, then safety functions.
+        space: when given, inputs of the model are codes z instead of kernel inputs.
+    """
+    from botorch.models import ModelListGP
+
+    return ModelListGP(*(_single(gp, space) for gp in (surrogate.objective, *surrogate.safety)))
+
+
+def _single(gp: GaussianProcess, space: SearchSpace | None) -> SingleTaskGP:
+    """One process in the units of its outcomes: the standardisation is in mean, scale and noise."""
+    import torch
+    from botorch.models import SingleTaskGP
+    from botorch.models.transforms.input import AffineInputTransform
+    from botorch.settings import validate_input_scaling
+    from gpytorch.kernels import MaternKernel, ScaleKernel
+    from gpytorch.means import ConstantMean
+
+    inputs, transform = gp.inputs, None
+    if space is not None:
+        unit = torch.from_numpy(space.unit / space.metric)
+        transform = AffineInputTransform(
+            space.dimension, coefficient=unit, offset=torch.from_numpy(space.lower)
+        )
+        inputs = inputs * (space.unit / space.metric) + space.lower
+    variance = gp.signal_deviation**2
+    outcomes = gp.outcomes.restore(gp.values)
+    with validate_input_scaling(False):
+        model = SingleTaskGP(
+            torch.from_numpy(inputs),
+            torch.from_numpy(outcomes[:, None]),
+            train_Yvar=torch.full((len(outcomes), 1), variance * gp.hyper.noise_ratio, dtype=torch.float64),
+            mean_module=ConstantMean(),
+            covar_module=ScaleKernel(MaternKernel(nu=2.5)),
+            outcome_transform=None,
+            input_transform=transform,
+        ).double()
+    model.mean_module.constant = gp.outcomes.centre + gp.outcomes.scale * gp.mean
+    model.covar_module.outputscale = variance
+    model.covar_module.base_kernel.lengthscale = gp.length_scale
+    return model.eval()

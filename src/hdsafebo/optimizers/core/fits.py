@@ -1,0 +1,81 @@
+"""Fits of the surrogate from round to round: each starts where the one of the round before ended.
+
+A fit that someone reads between two rounds (to plot the model, say) starts no later one, so that looking at
+an optimiser does not change what it does next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from hdsafebo.gp.surrogate import DistanceCache, Surrogate, SurrogateState
+
+Fit = Callable[[SurrogateState | None, DistanceCache], Surrogate]
+_COUNTED = ("fits", "jitters", "fallbacks")
+
+
+@dataclass(frozen=True)
+class FitCounts:
+    """Fits of the processes of all functions together, as rounds were asked with them.
+
+    Attributes:
+        fits: all of them.
+        jitters: fits that needed a larger diagonal than the noise.
+        fallbacks: fits that failed, so that the last good hyper-parameters were kept.
+    """
+
+    fits: int = 0
+    jitters: int = 0
+    fallbacks: int = 0
+
+
+class Fits:
+    """The current surrogate, made when it is first needed, and where the next fit starts."""
+
+    def __init__(self) -> None:
+        self._cache = DistanceCache()
+        self._start: SurrogateState | None = None
+        self._next_start: SurrogateState | None = None
+        self._current: Surrogate | None = None
+
+    def current(self, fit: Fit) -> Surrogate:
+        """The surrogate of the present data; `fit` makes it from a start and cached distances."""
+        if self._current is None:
+            self._current = fit(self._start, self._cache)
+        return self._current
+
+    def use(self) -> None:
+        """A round was asked with the current surrogate, if there is one: the next fit starts from it."""
+        if self._current is not None:
+            self._next_start = self._current.state
+
+    @property
+    def counts(self) -> FitCounts:
+        """Counts of the fits that were used; a saved state carries them on."""
+        state = self._start if self._next_start is None else self._next_start
+        if state is None:
+            return FitCounts()
+        processes = (state.objective, *state.safety)
+        return FitCounts(*(sum(getattr(h, name) for h in processes) for name in _COUNTED))
+
+    def forget(self) -> None:
+        """The data changed."""
+        self._current = None
+        if self._next_start is not None:
+            self._start, self._next_start = self._next_start, None
+
+    def to_json(self) -> dict[str, Any]:
+        """What a later process needs to go on with the same fits."""
+        return {
+            "start": None if self._start is None else self._start.to_json(),
+            "next_start": None if self._next_start is None else self._next_start.to_json(),
+        }
+
+    def restore(self, data: dict[str, Any]) -> None:
+        """Take back what `to_json` gave."""
+        start, next_start = data["start"], data["next_start"]
+        self._start = None if start is None else SurrogateState.from_json(start)
+        self._next_start = None if next_start is None else SurrogateState.from_json(next_start)
+        self._current = None

@@ -1,0 +1,147 @@
+"""The table of trials: what was proposed, what came of it, and nothing ever lost or counted twice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdsafebo.errors import TrialError
+from hdsafebo.optimizers.core.results import Results
+from hdsafebo.problem import Problem
+from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import IntArray
+
+
+class Ledger:
+    """All trials of one optimiser; the id of a trial is its row.
+
+    Attributes:
+        trials: the table.
+    """
+
+    def __init__(self, problem: Problem, code_dimension: int) -> None:
+        self._binding = np.array([s.modelled or s.reported for s in problem.safety])
+        self._thresholds = np.array([s.threshold for s in problem.safety])
+        self._names = [s.name for s in problem.safety]
+        empty = np.empty((0, problem.bounds.shape[1]))
+        self.trials = Trials.pending(empty, np.empty((0, code_dimension)), len(problem.safety))
+
+    def __len__(self) -> int:
+        return len(self.trials)
+
+    def append(self, trials: Trials) -> None:
+        """Add a copy of trials whose ids continue the table's."""
+        table = self.trials if len(self.trials) else trials[:0]  # the first trials settle the length of codes
+        self.trials = table.append(trials)
+
+    def ids_of(self, trials: Trials | Sequence[int] | IntArray) -> IntArray:
+        """Ids of trials, or the given ids.
+
+        Raises:
+            TrialError: an id that is not in the table, or trials whose inputs differ from those in the table.
+        """
+        try:
+            given = trials.id if isinstance(trials, Trials) else np.asarray(trials)
+        except ValueError:
+            raise TrialError(
+                f"trials are {trials!r}; expected trials from ask, or a list of their ids"
+            ) from None
+        if given.ndim != 1 or not (np.issubdtype(given.dtype, np.integer) or len(given) == 0):
+            raise TrialError(f"trials are {given!r}; expected trials from ask, or a list of their ids")
+        unknown = given[(given < 0) | (given >= len(self.trials))]
+        if len(unknown):
+            raise TrialError(
+                f"unknown trials {unknown.tolist()[:10]}; known are the ids 0 to {len(self.trials) - 1}"
+            )
+        ids = given.astype(np.int64)
+        if isinstance(trials, Trials) and not np.array_equal(trials.x, self.trials.x[ids]):
+            changed = ids[(trials.x != self.trials.x[ids]).any(axis=1)]
+            raise TrialError(
+                f"inputs of trials {changed.tolist()[:10]} differ from those that were proposed; "
+                "report inputs of one's own with observe"
+            )
+        return ids
+
+    def record(self, ids: IntArray, results: Results) -> IntArray:
+        """Fill in results, all or none of them; a result that is already there is not counted again.
+
+        Returns:
+            Numbers of the rounds that have all their results now and had not before, in order.
+
+        Raises:
+            TrialError: a result that differs from the one already recorded, which stays.
+        """
+        updated = self._filled(ids, results)
+        waiting = np.unique(self.trials.round[self.trials.status == Status.PENDING])
+        still = np.unique(updated.round[updated.status == Status.PENDING])
+        self.trials = updated
+        return np.setdiff1d(waiting, still)
+
+    def round(self, number: int) -> Trials:
+        """The trials that were asked in one round."""
+        return self.trials[self.trials.round == number]
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """(n,) True for completed trials whose every safety value meets its threshold.
+
+        Values of functions that are neither modelled nor reported are on record, and bind nobody.
+        """
+        with np.errstate(invalid="ignore"):
+            met = (self.trials.safety >= self._thresholds) | ~self._binding
+        return np.asarray(self.trials.completed & met.all(axis=1))
+
+    def best_row(self, among: NDArray[np.bool_]) -> int | None:
+        """Row of the highest objective among the marked trials; None when none is marked."""
+        rows = np.flatnonzero(among)
+        return int(rows[np.argmax(self.trials.objective[rows])]) if len(rows) else None
+
+    def improved_by(self, ids: IntArray) -> bool:
+        """Whether the best feasible objective of these trials exceeds that of all others."""
+        feasible = self.feasible
+        new = np.isin(self.trials.id, ids)
+        best, before = self.best_row(feasible & new), self.best_row(feasible & ~new)
+        if best is None:
+            return False
+        return before is None or bool(self.trials.objective[best] > self.trials.objective[before])
+
+    def least_violation_row(self) -> int:
+        """Row of the completed trial that violates least, in standard deviations of each safety function."""
+        rows = np.flatnonzero(self.trials.completed)
+        safety = self.trials.safety[rows]
+        spread = safety.std(axis=0)
+        missing = np.maximum(self._thresholds - safety, 0.0) / np.where(spread > 0, spread, 1.0)
+        return int(rows[np.argmin(missing[:, self._binding].sum(axis=1))])
+
+    def describe_thresholds(self) -> str:
+        """Names and thresholds for messages."""
+        functions = zip(self._names, self._thresholds, self._binding, strict=True)
+        return ", ".join(f"{name} >= {h:g}" for name, h, binding in functions if binding)
+
+    def _filled(self, ids: IntArray, results: Results) -> Trials:
+        objective, safety, status = (
+            self.trials.objective.copy(),
+            self.trials.safety.copy(),
+            self.trials.status.copy(),
+        )
+        for i, trial in enumerate(ids):
+            if status[trial] == Status.PENDING:
+                objective[trial], safety[trial], status[trial] = (
+                    results.objective[i],
+                    results.safety[i],
+                    results.status[i],
+                )
+            elif not (
+                status[trial] == results.status[i]
+                and np.array_equal(objective[trial], results.objective[i], equal_nan=True)
+                and np.array_equal(safety[trial], results.safety[i], equal_nan=True)
+            ):
+                raise TrialError(
+                    f"trial {trial} had objective {objective[trial]:g}, safety {safety[trial].tolist()}, "
+                    f"status {status[trial]}, and is now told objective {results.objective[i]:g}, safety "
+                    f"{results.safety[i].tolist()}, status {results.status[i]}; the first result stays"
+                )
+        return replace(self.trials, objective=objective, safety=safety, status=status)

@@ -1,0 +1,1 @@
+"""`hdsafebo_local`, this project's own method."""

@@ -1,0 +1,147 @@
+"""What every pipeline stage shares: parameters, paths, tracking, and errors without tracebacks."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from safetensors import SafetensorError
+
+from hdsafebo.errors import HdSafeBOError, ParamsError, UnknownNameError
+from hdsafebo.params import Params
+from hdsafebo.pipeline.checked_params import load_checked_params
+from hdsafebo.pipeline.tracking import Tracker, track_stage
+
+EXIT_FAILED = 1
+EXIT_BAD_INPUT = 2
+COSTS_FILE = ".journal/stage_costs.jsonl"
+
+
+class Stage:
+    """A running stage.
+
+    Attributes:
+        name: the stage's name in `dvc.yaml`.
+        params: the checked parameters.
+        root: the project's directory.
+        options: the stage's own command line options.
+        tracker: mirrors numbers and files to the tracking server.
+    """
+
+    def __init__(
+        self, name: str, params: Params, root: Path, options: argparse.Namespace, tracker: Tracker
+    ) -> None:
+        self.name = name
+        self.params = params
+        self.root = root
+        self.options = options
+        self.tracker = tracker
+        self.last_path = root
+
+    def path(self, relative: str) -> Path:
+        """A path below the project's directory; its parent directories are made."""
+        path = self.last_path = self.root / relative
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
+        """Mirror numbers to the tracking server, if there is one."""
+        self.tracker.log_metrics(dict(metrics), step=step)
+
+    def log_artifact(self, path: Path) -> None:
+        """Mirror a file or a directory to the tracking server, if there is one."""
+        self.tracker.log_artifact(path)
+
+    def notice(self, message: str) -> None:
+        """Tell the user something that must not be missed."""
+        print(f"NOTICE [{self.name}]: {message}", file=sys.stderr, flush=True)
+
+
+def run_stage(
+    name: str,
+    main: Callable[[Stage], None],
+    *,
+    blocks: Sequence[str] = (),
+    options: Callable[[argparse.ArgumentParser], None] | None = None,
+    argv: Sequence[str] | None = None,
+) -> None:
+    """Run a stage script: parse the command line, check the parameters, do the work, and exit.
+
+    Args:
+        name: name of the stage.
+        main: the work.
+        blocks: dotted keys of `params.yaml` that the stage uses (mirrored to the tracking server).
+        options: adds the stage's own command line options.
+        argv: command line; None takes the process's.
+
+    The exit code is 2 for bad parameters, 1 for any other error that the package raises on purpose.
+    """
+    os.environ.setdefault("OMP_NUM_THREADS", str(os.cpu_count() or 1))
+    parser = argparse.ArgumentParser(
+        prog=f"python stages/{name}.py", description=main.__doc__ or f"Run the stage {name}."
+    )
+    parser.add_argument(
+        "--root", type=Path, default=Path.cwd(), help="directory of the project (default: here)"
+    )
+    parser.add_argument(
+        "--params", type=Path, default=None, help="parameter file (default: ROOT/params.yaml)"
+    )
+    if options is not None:
+        options(parser)
+    arguments = parser.parse_args(argv)
+    root = arguments.root.resolve()
+    start = time.perf_counter()
+    stage = None
+    try:
+        params = load_checked_params(arguments.params or root / "params.yaml")
+        tracked = {block: lookup(params, block) for block in blocks}
+        with track_stage(name, tracked, root, enabled=params.tracking.enabled) as tracker:
+            stage = Stage(name, params, root, arguments, tracker)
+            main(stage)
+    except (ParamsError, UnknownNameError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(EXIT_BAD_INPUT) from None
+    except HdSafeBOError as error:
+        print(f"error in stage {name}: {error}", file=sys.stderr)
+        raise SystemExit(EXIT_FAILED) from None
+    except (OSError, SafetensorError) as error:  # a disk that is full or read-only; writers seldom say where
+        place = getattr(error, "filename", None) or (stage.last_path if stage else root)
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        print(
+            f"error in stage {name}: {place}: {reason}; start again when it can be written",
+            file=sys.stderr,
+        )
+        raise SystemExit(EXIT_FAILED) from None
+    seconds = time.perf_counter() - start
+    _record_cost(root, params.profile, name, arguments, seconds)
+    print(f"{name}: done in {seconds:.1f} s", file=sys.stderr, flush=True)
+
+
+def _record_cost(root: Path, profile: str, name: str, arguments: argparse.Namespace, seconds: float) -> None:
+    """Append wall time and peak memory of the stage to a log outside DVC's outs, which must not change."""
+    item = [str(value) for key, value in vars(arguments).items() if key not in ("root", "params")]
+    peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    cost = {"profile": profile, "stage": name, "item": item, "seconds": round(seconds, 1)}
+    path = root / COSTS_FILE
+    try:
+        path.parent.mkdir(exist_ok=True)
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(cost | {"peak_mb": round(peak / 1024)}) + "\n")
+    except OSError as error:
+        print(f"NOTICE [{name}]: {path} cannot be written: {error.strerror}", file=sys.stderr)
+
+
+def lookup(params: Params, key: str) -> object:
+    """The plain value of a dotted key of the parameters, as in `spinal.mesh`."""
+    value: object = params.model_dump(mode="json")
+    for part in key.split("."):
+        if not isinstance(value, dict) or part not in value:
+            raise ParamsError(f"{key}: no such key in the parameters")
+        value = value[part]
+    return value

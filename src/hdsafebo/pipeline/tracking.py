@@ -1,0 +1,278 @@
+"""The MLflow mirror of a stage: a run per stage item, a child run per seed; files stay the truth.
+
+Nothing here may stop the pipeline: the first call that fails turns tracking off for the rest of the
+stage with one notice. MLflow is imported at the first write only (it takes one to three seconds).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from hdsafebo.errors import ParamsError
+from hdsafebo.pipeline.provenance import digest_json, digest_paths, git_state, stage_dependencies
+
+if TYPE_CHECKING:
+    from mlflow.tracking import MlflowClient
+
+PIPELINE_EXPERIMENT = "pipeline"
+_METRICS_PER_BATCH = 1000  # limits of MLflow's log-batch call
+_PARAMS_PER_BATCH = 100
+_PARAM_LENGTH = 6000
+# An unreachable server must cost seconds, not the minutes of MLflow's default retries.
+_QUIET_AND_QUICK = {
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",
+    "MLFLOW_HTTP_REQUEST_TIMEOUT": "5",
+    "MLFLOW_HTTP_REQUEST_BACKOFF_FACTOR": "0",
+    "MLFLOW_LOGGING_LEVEL": "WARNING",
+    "MLFLOW_DISABLE_TELEMETRY": "true",
+}
+
+
+class Tracker:
+    """Writes one stage item to MLflow; created by `track_stage`.
+
+    Args:
+        stage: name of the stage.
+        params: the parameters that the stage uses; nested mappings become dotted names.
+        root: the project's directory; the default store lies in it.
+        enabled: False makes every method do nothing.
+    """
+
+    def __init__(self, stage: str, params: Mapping[str, object], root: Path, *, enabled: bool = True) -> None:
+        self.stage = stage
+        self.root = root
+        self.enabled = enabled
+        self._params = dict(params)
+        self._experiment_name = PIPELINE_EXPERIMENT
+        self._run_name = stage
+        self._item: dict[str, str] = {}
+        self._client: MlflowClient | None = None
+        self._experiment = ""
+        self._run = ""
+
+    def place(
+        self,
+        experiment: str,
+        run_name: str,
+        *,
+        stage: str,
+        item: Mapping[str, str],
+        params: Mapping[str, object],
+    ) -> None:
+        """Say where the run of a matrix item belongs, before anything is logged.
+
+        Args:
+            experiment: name of the experiment, the task for runs of a task.
+            run_name: name of the run.
+            stage: name of the stage in `dvc.yaml`.
+            item: the values of the matrix; they become tags.
+            params: the parameters that the item uses.
+        """
+        self._experiment_name, self._run_name = experiment, run_name
+        self.stage, self._item, self._params = stage, dict(item), dict(params)
+
+    def log_params(self, params: Mapping[str, object]) -> None:
+        """Add parameters to the run; nested mappings become dotted names."""
+        self._guard(lambda client: self._write_params(client, self._run, params))
+
+    def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
+        """Add one value of each of some metrics; values that are not finite are left out."""
+        series = {name: [float(value)] for name, value in metrics.items()}
+        self._guard(lambda client: self._write_series(client, self._run, [step or 0], series))
+
+    def log_series(self, steps: Sequence[int], series: Mapping[str, Sequence[float]]) -> None:
+        """Add whole curves, (k,) values at (k,) steps; values that are not finite are left out."""
+        self._guard(lambda client: self._write_series(client, self._run, steps, series))
+
+    def log_artifact(self, path: Path) -> None:
+        """Copy a file or a directory to the run's artefacts."""
+
+        def write(client: MlflowClient) -> None:
+            if path.is_dir():
+                client.log_artifacts(self._run, str(path), artifact_path=path.name)
+            else:
+                client.log_artifact(self._run, str(path))
+
+        self._guard(write)
+
+    def log_child(
+        self,
+        name: str,
+        params: Mapping[str, object],
+        steps: Sequence[int],
+        series: Mapping[str, Sequence[float]],
+    ) -> None:
+        """Write a finished child run, for example one seed.
+
+        Args:
+            name: name of the child run.
+            params: its parameters.
+            steps: (k,) horizontal axis of the metrics, for example numbers of trials.
+            series: metrics, (k,) values each; values that are not finite are left out.
+        """
+
+        def write(client: MlflowClient) -> None:
+            tags = self._tags() | {"mlflow.parentRunId": self._run}
+            child = client.create_run(self._experiment, tags=tags, run_name=name).info.run_id
+            self._write_params(client, child, params)
+            self._write_series(client, child, steps, series)
+            client.set_terminated(child, "FINISHED")
+
+        self._guard(write)
+
+    def finish(self, status: str) -> None:
+        """Close the run as 'FINISHED' or 'FAILED'; a stage that logged nothing gets its run here."""
+        self._guard(lambda client: client.set_terminated(self._run, status))
+
+    def abandon(self) -> None:
+        """Close the run as 'FAILED' if it was begun; parameters that are refused at once are no run."""
+        if self._client is not None:
+            self.finish("FAILED")
+
+    def _guard(self, write: Callable[[MlflowClient], None]) -> None:
+        """Do `write`; whatever goes wrong in it ends the tracking of this stage, and only that."""
+        if not self.enabled:
+            return
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # deprecations between the mirror's libraries
+                if self._client is None:
+                    self._client = self._open()
+                write(self._client)
+        except Exception as error:  # the mirror's libraries raise anything from OSError to SQLAlchemy's own
+            self.enabled = False
+            reason = " ".join(f"{tracking_uri(self.root)}: {type(error).__name__}: {error}".split())
+            without_password = re.sub(r"//[^/@\s]*@", "//", reason)[:300]
+            print(
+                f"NOTICE [{self.stage}]: tracking is off for the rest of this stage, "
+                f"its files are not affected: {without_password}",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    def _open(self) -> MlflowClient:
+        for key, value in _QUIET_AND_QUICK.items():
+            os.environ.setdefault(key, value)
+        from mlflow.tracking import MlflowClient
+
+        uri = tracking_uri(self.root)
+        client = MlflowClient(tracking_uri=uri)
+        experiment = client.get_experiment_by_name(self._experiment_name)
+        if experiment is not None:
+            self._experiment = experiment.experiment_id
+        else:
+            # A server decides itself where artefacts go; the local store keeps them in the project.
+            local = (self.root / "mlartifacts" / self._experiment_name).as_uri()
+            self._experiment = client.create_experiment(
+                self._experiment_name, artifact_location=local if uri == default_uri(self.root) else None
+            )
+        if uri == default_uri(self.root):
+            self._close_cut_runs(client)
+        run = client.create_run(self._experiment, tags=self._tags(), run_name=self._run_name)
+        self._run = run.info.run_id
+        self._write_params(client, self._run, self._params)
+        return client
+
+    def _close_cut_runs(self, client: MlflowClient) -> None:
+        """Earlier runs of this item that never ended were killed: a project runs an item once at a time."""
+        for run in client.search_runs([self._experiment], "attributes.status = 'RUNNING'"):
+            if run.info.run_name == self._run_name and run.data.tags.get("stage") == self.stage:
+                client.set_terminated(run.info.run_id, "KILLED")
+
+    def _tags(self) -> dict[str, str]:
+        """Tags by which runs are found again; identifiers of runs never enter a file of the pipeline."""
+        state = git_state(self.root)
+        dvc_file = self.root / "dvc.yaml"
+        parsed = yaml.safe_load(dvc_file.read_text(encoding="utf-8")) if dvc_file.exists() else {}
+        dependencies = [self.root / p for p in stage_dependencies(parsed or {}, self.stage, self._item)]
+        return self._item | {
+            "stage": self.stage,
+            "git_revision": state[0] if state else "none",
+            "git_dirty": str(state[1]).lower() if state else "unknown",
+            "params_hash": digest_json(self._params),
+            "deps_hash": digest_paths(dependencies, self.root),
+        }
+
+    @staticmethod
+    def _write_params(client: MlflowClient, run: str, params: Mapping[str, object]) -> None:
+        from mlflow.entities import Param
+
+        entries = [Param(name, str(value)[:_PARAM_LENGTH]) for name, value in flatten(params).items()]
+        for start in range(0, len(entries), _PARAMS_PER_BATCH):
+            client.log_batch(run, params=entries[start : start + _PARAMS_PER_BATCH])
+
+    @staticmethod
+    def _write_series(
+        client: MlflowClient, run: str, steps: Sequence[int], series: Mapping[str, Sequence[float]]
+    ) -> None:
+        from mlflow.entities import Metric
+
+        now = int(time.time() * 1000)
+        entries = [
+            Metric(name, float(value), now, int(step))
+            for name, values in series.items()
+            for step, value in zip(steps, values, strict=True)
+            if math.isfinite(value)
+        ]
+        for start in range(0, len(entries), _METRICS_PER_BATCH):
+            client.log_batch(run, metrics=entries[start : start + _METRICS_PER_BATCH])
+
+
+@contextmanager
+def track_stage(
+    name: str, params: Mapping[str, object], root: Path, *, enabled: bool = True
+) -> Iterator[Tracker]:
+    """Track a stage while the block runs.
+
+    Args:
+        name: name of the stage in `dvc.yaml`.
+        params: the parameters that the stage uses, plain data.
+        root: the project's directory.
+        enabled: False tracks nothing and imports nothing.
+
+    Yields:
+        The tracker; its run ends as FAILED when the block raises (refused parameters leave no run), and the
+        exception passes on.
+    """
+    tracker = Tracker(name, params, root, enabled=enabled)
+    try:
+        yield tracker
+    except ParamsError:
+        tracker.abandon()
+        raise
+    except BaseException:
+        tracker.finish("FAILED")
+        raise
+    tracker.finish("FINISHED")
+
+
+def default_uri(root: Path) -> str:
+    """The local store of a project."""
+    return f"sqlite:///{root / 'mlruns.db'}"
+
+
+def tracking_uri(root: Path) -> str:
+    """MLFLOW_TRACKING_URI if it is set, else the local store."""
+    return os.environ.get("MLFLOW_TRACKING_URI") or default_uri(root)
+
+
+def flatten(params: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
+    """Nested mappings as one mapping with dotted names."""
+    flat: dict[str, object] = {}
+    for key, value in params.items():
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat

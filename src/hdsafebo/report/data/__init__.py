@@ -1,0 +1,1 @@
+"""What the page is made of, read from files: results, inputs of the pipeline, numbers of the paper."""

@@ -1,0 +1,233 @@
+"""What the report reads besides run files. A missing file is None; a malformed one is an error."""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from pyarrow import ArrowException
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from hdsafebo.errors import DatasetError
+from hdsafebo.files.parquet import read_parquet
+from hdsafebo.report.data.hand_inputs import HandInputs, read_hand
+
+M = TypeVar("M", bound=BaseModel)
+
+ISOMETRY = "reports/isometry.json"
+DISTANCES = "reports/isometry_pairs.parquet"
+SYNERGIES = "models/synergies/pca.json"
+LEARNING = "data/rollouts/learning_curve.parquet"
+STIMULATION = "data/spinal/stimulation.parquet"
+TRAVERSAL = "data/spinal/traversal.json"
+HAND_FRAMES = "data/rollouts"
+SPINAL_FRAMES = "data/spinal/figures"
+
+
+class Isometry(BaseModel):
+    """How well one embedding keeps distances and predictions."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    distance_correlation: float
+    scale: float | None = None
+    gp_mean_difference: float
+    gp_variance_difference: float
+    round_trip: float | None = None
+    round_trip_held_out: float | None = None
+    round_trip_held_out_currents: float | None = None
+    reconstruction_mse: float | None = None
+    condition_number: float | None = None
+
+
+class Traversal(BaseModel):
+    """Seconds and peak memory (MB) of the traversal."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    seconds: float
+    peak_mb: float | None = None
+
+
+class _Synergies(BaseModel):
+    variance_accounted_for: list[float]
+
+
+@dataclass(frozen=True)
+class Stimulation:
+    """The traversed stimulation parameters.
+
+    Attributes:
+        rows: number of parameters.
+        threshold: of g for a safe one.
+        safe_share: share of safe ones.
+        selectivity: {muscle: {"safe": values, "unsafe": values}}, both sides of the body.
+    """
+
+    rows: int
+    threshold: float
+    safe_share: float
+    selectivity: dict[str, dict[str, NDArray[np.float64]]]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A PNG picture of another stage, shown as it is."""
+
+    title: str
+    data: bytes
+
+    @property
+    def is_wide(self) -> bool:
+        """At least 1.4 times as wide as high (bytes 16 to 24 are the sizes: PNG specification, IHDR)."""
+        width, height = struct.unpack(">II", self.data[16:24]) if len(self.data) >= 24 else (0, 1)
+        return bool(width >= 1.4 * height)
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Everything besides run files; what was not made is None or empty."""
+
+    isometry: dict[str, Isometry] | None
+    distances: dict[str, pd.DataFrame] | None
+    variance: pd.DataFrame | None
+    learning_curve: pd.DataFrame | None
+    stimulation: Stimulation | None
+    traversal: Traversal | None
+    field_map: tuple[NDArray[np.float64], str] | None
+    hand: HandInputs
+    hand_frames: list[Frame]
+    spinal_frames: list[Frame]
+
+
+def read_isometry(root: Path) -> dict[str, Isometry] | None:
+    """Isometry check by embedding."""
+    path = root / ISOMETRY
+    data = _json(path)
+    if data is None:
+        return None
+    if not isinstance(data, dict):
+        raise DatasetError(f"{path}: expected one object per embedding, got {type(data).__name__}")
+    return {name: _validated(path, Isometry, check) for name, check in data.items()}
+
+
+def read_distances(root: Path) -> dict[str, pd.DataFrame] | None:
+    """Sampled pairwise distances by embedding: columns `original` and `latent`."""
+    path = root / DISTANCES
+    if not path.exists():
+        return None
+    names = [name for name in _schema(path) if name != "original"]
+    frame = _parquet(path, ["original", *names])
+    assert frame is not None
+    return {name: frame[["original", name]].set_axis(["original", "latent"], axis=1) for name in names}
+
+
+def read_variance(root: Path) -> pd.DataFrame | None:
+    """Variance accounted for by the first synergies: columns `components`, `variance_accounted_for`."""
+    data = _json(root / SYNERGIES)
+    if data is None:
+        return None
+    shares = _validated(root / SYNERGIES, _Synergies, data).variance_accounted_for
+    return pd.DataFrame({"components": range(1, len(shares) + 1), "variance_accounted_for": shares})
+
+
+def read_learning_curve(root: Path) -> pd.DataFrame | None:
+    """Training episodes: columns `setting`, `step`, `total_reward`."""
+    return _parquet(root / LEARNING, ["setting", "step", "total_reward"])
+
+
+def read_traversal(root: Path) -> Traversal | None:
+    """What the traversal took."""
+    data = _json(root / TRAVERSAL)
+    return None if data is None else _validated(root / TRAVERSAL, Traversal, data)
+
+
+def read_stimulation(root: Path, threshold: float) -> Stimulation | None:
+    """Selectivity of every parameter, split by g >= threshold."""
+    path = root / STIMULATION
+    if not path.exists():
+        return None
+    names = [name for name in _schema(path) if name.startswith("si_")]
+    if not names:
+        raise DatasetError(f"{path}: no column si_<muscle>_<side>; expected one per muscle and side")
+    frame = _parquet(path, ["g", *names])
+    assert frame is not None
+    safe = (frame["g"] >= threshold).to_numpy()
+    muscles: dict[str, list[str]] = {}
+    for name in names:
+        muscles.setdefault(name.removeprefix("si_").rsplit("_", 1)[0], []).append(name)
+    selectivity = {
+        muscle: {
+            "safe": frame.loc[safe, columns].to_numpy(float).ravel(),
+            "unsafe": frame.loc[~safe, columns].to_numpy(float).ravel(),
+        }
+        for muscle, columns in muscles.items()
+    }
+    return Stimulation(len(frame), threshold, float(safe.mean()), selectivity)
+
+
+def read_frames(folder: Path) -> list[Frame]:
+    """Pictures of another stage in the order of their names."""
+    return [Frame(path.stem.replace("_", " "), path.read_bytes()) for path in sorted(folder.glob("*.png"))]
+
+
+def read_inputs(
+    root: Path, *, safety_threshold: float, field_map: tuple[NDArray[np.float64], str] | None
+) -> Inputs:
+    """Read everything that is there.
+
+    Args:
+        root: the project's directory.
+        safety_threshold: g from which a stimulation is safe.
+        field_map: an example of a field map (52, 14) and the name of its parameters.
+
+    Raises:
+        DatasetError: a file is there but malformed.
+    """
+    return Inputs(
+        isometry=read_isometry(root),
+        distances=read_distances(root),
+        variance=read_variance(root),
+        learning_curve=read_learning_curve(root),
+        stimulation=read_stimulation(root, safety_threshold),
+        traversal=read_traversal(root),
+        field_map=field_map,
+        hand=read_hand(root),
+        hand_frames=read_frames(root / HAND_FRAMES),
+        spinal_frames=read_frames(root / SPINAL_FRAMES),
+    )
+
+
+def _json(path: Path) -> Any:
+    if not path.exists():
+        return None
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DatasetError(f"{path}: cannot be read as JSON: {error}") from error
+
+
+def _schema(path: Path) -> list[str]:
+    try:
+        return list(pq.read_schema(path).names)
+    except (OSError, ArrowException) as error:
+        raise DatasetError(f"{path}: cannot be read as parquet: {error}") from error
+
+
+def _parquet(path: Path, columns: list[str]) -> pd.DataFrame | None:
+    return read_parquet(path, str(path), DatasetError, columns).to_pandas() if path.exists() else None
+
+
+def _validated(path: Path, model: type[M], data: Any) -> M:
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise DatasetError(f"{path}: {'.'.join(map(str, fault['loc']))}: {fault['msg']}") from None

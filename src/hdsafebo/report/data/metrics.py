@@ -1,0 +1,63 @@
+"""The numbers of a finished run, one row per seed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from hdsafebo.runs.read import RunFile
+
+HIGHER_IS_BETTER = {
+    "objective": True,
+    "safety": True,
+    "violation": False,
+    "seconds_per_round": False,
+    "improvement": True,
+}
+METRIC_LABELS = {
+    "objective": "Objective",
+    "safety": "Safety",
+    "violation": "Violation",
+    "seconds_per_round": "Seconds per round",
+    "improvement": "Gain over the initial data",
+}
+
+
+def per_seed(run: RunFile) -> pd.DataFrame:
+    """Final metrics of each run.
+
+    Returns:
+        One row per seed (index: the seed as text) with the columns
+        objective: best objective among all safe trials, the initial ones included ("best feasible"),
+        initial_objective: the same over the initial trials alone,
+        improvement: the difference of the two,
+        safety: share of safe ones among the completed optimised trials,
+        violation: sum of max(0, h - g) over them,
+        violation_bound: sum of their one-step bounds; NaN when the method has none,
+        seconds_per_round: mean time that the method took to choose a batch, evaluation excluded,
+        optimised, failed: numbers of optimised trials and of failed evaluations.
+    """
+    frame = run.trials
+    chosen = run.optimised
+    safe = frame[frame["safe"] & (frame["status"] == "completed")]
+    by_seed = chosen.groupby("seed")
+    rounds = frame[~frame["initial"]].groupby(["seed", "round"])["method_seconds"].first()
+    table = pd.DataFrame(index=pd.Index(sorted(frame["seed"].unique()), name="seed"))
+    table["objective"] = safe.groupby("seed")["objective"].max()
+    table["initial_objective"] = safe[safe["initial"]].groupby("seed")["objective"].max()
+    table["improvement"] = table["objective"] - table["initial_objective"]
+    table["safety"] = by_seed["safe"].mean()
+    table["violation"] = by_seed["violation"].sum()
+    table["violation_bound"] = by_seed["violation_bound"].agg(lambda column: column.sum(skipna=False))
+    table["seconds_per_round"] = rounds.groupby("seed").mean()
+    table["optimised"] = by_seed.size()
+    table["failed"] = (frame["status"] == "failed").groupby(frame["seed"]).sum()
+    counts = table[["optimised", "failed"]].fillna(0).astype(np.int64)
+    return table.assign(optimised=counts["optimised"], failed=counts["failed"]).rename(index=str)
+
+
+def early_violation(run: RunFile, share: float) -> pd.Series:
+    """Violation of each seed over the first `share` of the optimised trials."""
+    chosen = run.optimised
+    last = run.meta.n_initial + share * (run.meta.n_trials - run.meta.n_initial)
+    return chosen[chosen["trial"] < last].groupby("seed")["violation"].sum().rename(index=str)

@@ -1,0 +1,1 @@
+"""The format of run files, `data/runs/<task>-<method>.parquet`: written, read, and turned into curves."""

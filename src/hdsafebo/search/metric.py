@@ -1,0 +1,94 @@
+"""The metric of a searched space: how far apart points of the unit cube are in the inputs of the kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hdsafebo.errors import ProblemError
+from hdsafebo.problem import Codec, Problem
+from hdsafebo.search.space import SearchSpace
+from hdsafebo.typing import FloatArray
+
+_AFFINE_TOLERANCE = 1e-6
+_TINY = 1e-12  # least length that a step is divided by
+
+
+@dataclass(frozen=True)
+class Metric:
+    """Affine map from the unit cube to kernel inputs, k = A u + b, where steps and radii are measured.
+
+    Attributes:
+        matrix: (p, d) A, or (d,) when it is diagonal.
+        offset: (p,) b.
+    """
+
+    matrix: FloatArray
+    offset: FloatArray
+
+    @cached_property
+    def hides_directions(self) -> bool:
+        """Some steps change no kernel input, other than those along dimensions that do not vary at all."""
+        if self.matrix.ndim == 1:
+            return False
+        return int(np.linalg.matrix_rank(self.matrix)) < int(self.matrix.any(axis=0).sum())
+
+    def inputs(self, u: FloatArray) -> FloatArray:
+        """(n, p) kernel inputs of (n, d) points of the unit cube."""
+        return self.offset + self.push_forward(u)
+
+    def pull_back(self, gradient: FloatArray) -> FloatArray:
+        """(n, d) gradients in the unit cube of (n, p) gradients in the kernel inputs."""
+        return gradient * self.matrix if self.matrix.ndim == 1 else gradient @ self.matrix
+
+    def push_forward(self, step: FloatArray) -> FloatArray:
+        """(n, p) steps in kernel inputs of (n, d) steps in the unit cube."""
+        return step * self.matrix if self.matrix.ndim == 1 else step @ self.matrix.T
+
+    def inner(self, a: FloatArray, b: FloatArray) -> FloatArray:
+        """(n, 1) inner products, in kernel inputs, of (n, d) steps in the unit cube."""
+        return np.einsum("ij,ij->i", self.push_forward(a), self.push_forward(b))[:, None]
+
+    def length(self, step: FloatArray) -> FloatArray:
+        """(n, 1) lengths in kernel inputs of (n, d) steps in the unit cube."""
+        return np.linalg.norm(self.push_forward(step), axis=1, keepdims=True)
+
+    def normalised(self, step: FloatArray) -> FloatArray:
+        """(n, d) steps of length one."""
+        return step / np.maximum(self.length(step), _TINY)
+
+
+def kernel_metric(problem: Problem, embedding: Codec | None, space: SearchSpace) -> Metric:
+    """From the unit cube to kernel inputs: the code's own metric, or the features of what it decodes to.
+
+    Args:
+        problem: its `features`, when it has some, are what the kernel measures distances between.
+        embedding: map between inputs and codes; None when the inputs themselves are searched.
+        space: box that is searched.
+
+    Raises:
+        ProblemError: features of decoded codes are no affine function of the codes.
+    """
+    d = space.dimension
+    if problem.features is None:
+        return Metric(np.where(space.width > 0, space.metric, 0.0), np.zeros(d))
+
+    def features(u: FloatArray) -> FloatArray:
+        z = space.to_code(u)
+        x = z if embedding is None else np.asarray(embedding.decode(z), float)
+        assert problem.features is not None
+        return np.asarray(problem.features(x), float)
+
+    corners = features(np.concatenate([np.zeros((1, d)), np.eye(d)]))
+    metric = Metric((corners[1:] - corners[0]).T, corners[0])
+    u = np.random.default_rng(0).random((4, d))
+    error = np.abs(metric.inputs(u) - features(u)).max()
+    size = np.abs(metric.matrix).max()
+    if error > _AFFINE_TOLERANCE * max(size, 1e-300):
+        raise ProblemError(
+            f"features of {problem.name!r} differ by {error:.3g} from an affine function of the "
+            f"codes with coefficients up to {size:.3g}; expected an affine map and a linear embedding"
+        )
+    return metric

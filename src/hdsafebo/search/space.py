@@ -1,0 +1,76 @@
+"""The box that is searched, as a unit cube, and the space in which the kernel measures distances."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hdsafebo.errors import ProblemError
+from hdsafebo.typing import FloatArray
+
+
+class SearchSpace:
+    """A box of codes seen as the unit cube.
+
+    Trust regions and candidates live in the unit cube, where every dimension has the same range. Dividing
+    each dimension by its own width is not an isometry, so the kernel has inputs of its own: with `isotropic`
+    all dimensions are divided by one number, the largest width, so that distances between codes are only
+    scaled and Proposition 3 of the paper keeps its premise; without, the kernel sees the unit cube, which is
+    right when the units of the dimensions have nothing to do with each other.
+
+    Args:
+        bounds: (2, d) lower and upper limits of the codes; a dimension of zero width stays fixed.
+        isotropic: as above.
+
+    Raises:
+        ProblemError: the limits are no box, or all widths are zero.
+    """
+
+    def __init__(self, bounds: FloatArray, *, isotropic: bool) -> None:
+        limits = np.asarray(bounds, float)
+        if limits.ndim != 2 or limits.shape[0] != 2 or limits.shape[1] == 0:
+            raise ProblemError(
+                f"bounds of the search space have shape {limits.shape}; expected (2, d) with d >= 1"
+            )
+        if not np.isfinite(limits).all():
+            bad = np.flatnonzero(~np.isfinite(limits).all(axis=0)).tolist()
+            raise ProblemError(f"bounds of the search space are not finite in dimensions {bad[:10]}")
+        width = limits[1] - limits[0]
+        if (width < 0).any():
+            raise ProblemError(
+                "lower bound above upper bound of the search space in dimensions "
+                f"{np.flatnonzero(width < 0).tolist()[:10]}"
+            )
+        if not (width > 0).any():
+            raise ProblemError(
+                f"the search space has zero width in all {len(width)} dimensions; expected one that varies"
+            )
+        self.bounds = limits
+        self.lower = limits[0]
+        self.width = width
+        self.unit = np.where(width > 0, width, width.max())
+        self.metric = self.unit / width.max() if isotropic else np.ones(len(width))
+
+    @property
+    def dimension(self) -> int:
+        """d."""
+        return len(self.width)
+
+    def to_unit(self, z: FloatArray) -> FloatArray:
+        """(n, d) unit-cube coordinates of codes; codes outside the box lie outside the cube."""
+        return (z - self.lower) / self.unit
+
+    def to_code(self, u: FloatArray) -> FloatArray:
+        """(n, d) codes of unit-cube coordinates, rounded into the box."""
+        return np.asarray(np.clip(self.lower + u * self.width, self.lower, self.lower + self.width))
+
+    def pinned(self, u: FloatArray) -> FloatArray:
+        """(n, d) points of the unit cube at 0 in dimensions of zero width, where `to_code` puts them."""
+        return u if (self.width > 0).all() else np.where(self.width > 0, u, 0.0)
+
+    def kernel_inputs(self, u: FloatArray) -> FloatArray:
+        """(n, d) what the kernel measures distances between."""
+        return u * self.metric
+
+    def from_kernel_inputs(self, k: FloatArray) -> FloatArray:
+        """Inverse of `kernel_inputs`."""
+        return k / self.metric

@@ -1,0 +1,275 @@
+"""The optimiser behind a session. It follows the log, so every suggestion is a function of the log alone.
+
+Per target there is one optimiser. It starts from everything that is known when the target is set ("all the
+history data were reused", paper, clinical experiment), with a seed drawn from the session's seed and the
+entry that set the target, and then follows the log entry by entry:
+
+    suggested               its `ask`; taken back when the suggestion expires undecided
+    approved, recorded      `tell`
+    modified or manual,
+    recorded                `observe` of what was really delivered
+    refused, modified       the proposal stays without a result, so it is never made again
+
+Its saved states are cached beside the log. Following the log from the start must give the same suggestions,
+to the bit; `mismatches` says where it did not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from hdsafebo.errors import NoSafePointError
+from hdsafebo.optimizers.base import Optimizer
+from hdsafebo.session.advice.informed import informed_optimiser, results_of
+from hdsafebo.session.advice.methods import load_method
+from hdsafebo.session.advice.search import Search
+from hdsafebo.session.advice.shortlist import HdSafeBOShortlist
+from hdsafebo.session.definition import Definition
+from hdsafebo.session.log.chain import Entry
+from hdsafebo.session.log.state import Point, State, Trial
+from hdsafebo.trials import Status, Trials
+
+_DECISIONS = ("approved", "modified", "refused")
+_EXPIRING = ("suggested", "manual", "target_switched", "stopped")
+_PROPOSALS = 10  # tried for one that is still believed safe after it was moved to what can be evaluated
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A suggestion as computed.
+
+    Attributes:
+        point: the inputs.
+        belief: what the model believed; plain JSON.
+        before, after: saved states of the optimiser before and after it was asked.
+    """
+
+    point: Point
+    belief: dict[str, Any]
+    before: bytes
+    after: bytes
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """A suggestion of the log that following the log does not reproduce."""
+
+    suggestion: int
+    logged: dict[str, Any]
+    recomputed: dict[str, Any]
+
+
+class Advisor:
+    """See the module.
+
+    Attributes:
+        search: the permitted inputs.
+        state: of the session, as far as this has followed the log.
+        mismatches: suggestions that were not reproduced.
+    """
+
+    def __init__(self, definition: Definition, search: Search) -> None:
+        self._definition = definition
+        self.search = search
+        self._optimiser: Optimizer | None = None
+        self._asked: Advice | None = None
+        self.state = State()
+        self.mismatches: list[Mismatch] = []
+        self._foreign: set[int] = set()
+
+    @classmethod
+    def restore(
+        cls, definition: Definition, search: Search, entries: list[Entry], before: bytes, after: bytes
+    ) -> Advisor:
+        """The advisor that had followed `entries`, the last of them `suggested`, from its cached states.
+
+        Raises:
+            StateFileError: a cached state is damaged or belongs to something else.
+        """
+        advisor = cls(definition, search)
+        for entry in entries:
+            advisor.state.apply(entry)
+        for trial in advisor.state.trials:
+            if trial.status != "running" and trial.delivered:
+                search.input_of(trial.point)
+        payload = entries[-1].payload
+        advisor._asked = Advice(payload["point"], payload["belief"], before, after)
+        advisor._optimiser = advisor._load(after)
+        return advisor
+
+    def follow(self, entries: Iterable[Entry]) -> None:
+        """Bring the optimiser forward by the next entries of the log."""
+        for entry in entries:
+            if entry.kind in _EXPIRING and self.state.open_suggestion is not None:
+                self.withdraw()
+            if entry.kind == "suggested":
+                self._reproduce(entry)
+            self.state.apply(entry)
+            if entry.kind in ("created", "target_switched"):
+                self._begin()
+            elif entry.kind == "resumed" and isinstance(self._optimiser, HdSafeBOShortlist):
+                self._optimiser.days, self._optimiser.today = self._optimiser.days, self.state.pauses
+            elif entry.kind in _DECISIONS:
+                self._asked = None
+            elif entry.kind == "recorded":
+                self._learn(self.state.trials[entry.payload["trial"] - 1])
+
+    def advise(self) -> Advice:
+        """Ask the optimiser for the next trial; `follow` its `suggested` entry next, or `withdraw` it.
+
+        Raises:
+            NoSafePointError: nothing that is permitted now is believed safe.
+        """
+        if self._asked is not None:
+            return self._asked
+        optimiser = self._require()
+        before = _save(optimiser)
+        try:
+            trials = self._ask(optimiser)
+        except NoSafePointError:
+            self._optimiser = self._load(before)
+            raise
+        point = self.search.point_of(trials.x[0], int(trials.candidate[0]))
+        belief = self._belief(trials) | {
+            "violation_bound": _plain(trials.violation_bound[0]),
+            "trust_region_length": _plain(trials.trust_region_length[0]),
+            "marked_unsafe": bool(trials.marked_unsafe[0]),
+        }
+        self._asked = Advice(point, belief, before, _save(optimiser))
+        return self._asked
+
+    def _ask(self, optimiser: Optimizer) -> Trials:
+        """A proposal that is believed safe where it will be evaluated: decoded, clipped and snapped."""
+        forbidden = np.concatenate([self.search.restrict(self.state.last_point), self._declined()])
+        nothing = np.empty((len(forbidden), 0))
+        elsewhere = Trials.pending(nothing, nothing, 1, candidate=forbidden)
+        for _ in range(_PROPOSALS):
+            trials = optimiser.ask(1, pending=elsewhere)
+            if len(trials) == 0:
+                break
+            inputs = optimiser.kernel_inputs(trials)
+            if (
+                trials.marked_unsafe[0]
+                or optimiser.surrogate.believed_safe(inputs, optimiser.settings.confidence)[0]
+            ):
+                return trials
+        raise NoSafePointError(f"{optimiser.name} believes nothing safe that the limits permit now")
+
+    def withdraw(self) -> None:
+        """Take the last `advise` back."""
+        if self._asked is not None:
+            self._optimiser = self._load(self._asked.before)
+            self._asked = None
+
+    def believe(self, point: Point) -> dict[str, Any] | None:
+        """What the model believes of any point; None while there is nothing to believe from."""
+        optimiser = self._require()
+        if not optimiser.trials.completed.any():
+            return None
+        x, row = self.search.glance(point)
+        z = x if optimiser.embedding is None else optimiser.embedding.encode(x)
+        return self._belief(Trials.pending(x, z, len(self.search.space.safety), candidate=np.array([row])))
+
+    def _begin(self) -> None:
+        """A new optimiser for the target, told all that is known."""
+        entropy = np.random.SeedSequence([self._definition.seed, self.state.target_since])
+        self._optimiser = informed_optimiser(
+            self._definition,
+            self.search,
+            self.state.target,
+            int(entropy.generate_state(1)[0]),
+            self.state.trials,
+            before=self._optimiser,
+        )
+        if isinstance(self._optimiser, HdSafeBOShortlist):
+            self._optimiser.today = self.state.pauses
+
+    def _learn(self, trial: Trial) -> None:
+        optimiser = self._require()
+        objective, safety, status = results_of(trial, self.state.target, self.search, self.state.trials)
+        if trial.origin == "suggested" and trial.suggestion not in self._foreign:
+            asked = int(np.flatnonzero(optimiser.trials.status == Status.PENDING)[-1])
+            optimiser.tell([asked], [objective], [safety], status=[status])
+        elif trial.delivered:
+            x, row = self.search.input_of(trial.point)
+            optimiser.observe(x, [objective], [safety], status=[status], candidate=[row])
+
+    def _declined(self) -> np.ndarray:
+        """Candidate rows that a person turned down, or that an unsafe trial rules out; for any target."""
+        points = [s.point for s in self.state.suggestions if s.decision in ("refused", "modified")]
+        rows = [self.search.input_of(p)[1] for p in points]
+        refused = np.array([row for row in rows if row >= 0], np.int64)
+        safe = self.search.space.safe
+        unsafe = [t.point for t in self.state.trials if t.safety is not None and not safe(t.safety)]
+        return np.concatenate([refused, *(self.search.beyond(p) for p in unsafe)])
+
+    def _belief(self, trials: Trials) -> dict[str, Any]:
+        optimiser = self._require()
+        inputs = optimiser.kernel_inputs(trials)
+        surrogate = optimiser.surrogate
+        mean, deviation = surrogate.objective.predict(inputs)
+        if isinstance(optimiser, HdSafeBOShortlist):
+            mean, deviation = optimiser.scale.shown(mean, deviation)
+        safety_mean, safety_deviation = surrogate.predict_safety(inputs)
+        names = [s.name for s in self.search.space.safety]
+        return {
+            "objective": {"mean": float(mean[0]), "sd": float(deviation[0])},
+            "safety": {
+                name: self._shown(name, float(safety_mean[0, j]), float(safety_deviation[0, j]))
+                for j, name in enumerate(names)
+            },
+            "safe_probability": float(surrogate.safe_probability(inputs)[0]),
+        }
+
+    def _shown(self, name: str, mean: float, deviation: float) -> dict[str, float]:
+        """A safety function's prediction in its own units: the mean, two standard deviations around it."""
+        values = {"mean": mean, "low": mean - 2.0 * deviation, "high": mean + 2.0 * deviation}
+        return {key: self.search.space.shown_safety(name, value) for key, value in values.items()}
+
+    def _reproduce(self, entry: Entry) -> None:
+        """Compute a suggestion of the log again, unless it was just computed here.
+
+        One that does not come out again (another version, another computer) counts as a person's from here
+        on: the optimiser observes what was delivered.
+        """
+        logged = {key: entry.payload[key] for key in ("point", "belief")}
+        try:
+            advice = self.advise()
+            recomputed: dict[str, Any] = {"point": advice.point, "belief": advice.belief}
+        except NoSafePointError as error:
+            recomputed = {"abstained": str(error)}
+        if logged != recomputed:
+            number = len(self.state.suggestions) + 1
+            self.mismatches.append(Mismatch(number, logged, recomputed))
+            self._foreign.add(number)
+            self.withdraw()
+
+    def _load(self, content: bytes) -> Optimizer:
+        problem = self.search.problem(self.state.target)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "optimiser.safetensors"
+            path.write_bytes(content)
+            return load_method(self._definition.method.name, path, problem, self.search.embedding)
+
+    def _require(self) -> Optimizer:
+        assert self._optimiser is not None, "follow the entry `created` first"
+        return self._optimiser
+
+
+def _save(optimiser: Optimizer) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "optimiser.safetensors"
+        optimiser.save(path)
+        return path.read_bytes()
+
+
+def _plain(value: Any) -> float | None:
+    """A float for JSON; None for NaN."""
+    number = float(value)
+    return number if np.isfinite(number) else None

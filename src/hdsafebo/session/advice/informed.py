@@ -1,0 +1,112 @@
+"""An optimiser that is told what a session knows, for any of its targets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hdsafebo.errors import ParamsError
+from hdsafebo.optimizers.base import Optimizer
+from hdsafebo.session.advice.methods import make_method
+from hdsafebo.session.advice.search import Search
+from hdsafebo.session.advice.shortlist import HdSafeBOShortlist
+from hdsafebo.session.definition import Definition
+from hdsafebo.session.log.state import Trial
+from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import FloatArray
+
+
+def informed_optimiser(
+    definition: Definition,
+    search: Search,
+    target: str,
+    seed: int,
+    trials: Sequence[Trial],
+    before: Optimizer | None = None,
+) -> Optimizer:
+    """A new optimiser of a target that has observed all delivered trials with a record.
+
+    Args:
+        definition: of the session.
+        search: of the session.
+        target: objective.
+        seed: of the optimiser.
+        trials: all trials of the session, in order.
+        before: that of the target before; the codes it searched stay with their trials (see `realise`).
+
+    Raises:
+        ParamsError: the method models no safety.
+    """
+    optimiser = new_optimiser(definition, search, target, seed)
+    known = [t for t in trials if t.status != "running" and t.delivered]
+    if known:
+        inputs = [search.input_of(t.point) for t in known]
+        results = [results_of(t, target, search, trials) for t in known]
+        x = np.vstack([x for x, _ in inputs])
+        optimiser.observe(
+            x,
+            [objective for objective, _, _ in results],
+            np.array([safety for _, safety, _ in results]).reshape(-1, len(search.space.safety)),
+            status=[status for _, _, status in results],
+            candidate=[row for _, row in inputs],
+            codes=None if before is None else _codes_of(x, before.trials),
+            initial=True,
+        )
+    if isinstance(optimiser, HdSafeBOShortlist):
+        optimiser.days = np.array([t.day for t in known], np.int64)
+    return optimiser
+
+
+def _codes_of(x: FloatArray, trials: Trials) -> FloatArray:
+    """(n, d) codes of the (n, D) inputs among `trials`; NaN for inputs that are not."""
+    known = {row.tobytes(): z for row, z in zip(trials.x, trials.z, strict=True)}
+    nothing = np.full(trials.z.shape[1], np.nan)
+    return np.stack([known.get(row.tobytes(), nothing) for row in x])
+
+
+def new_optimiser(definition: Definition, search: Search, target: str, seed: int) -> Optimizer:
+    """An optimiser that knows nothing yet; see `informed_optimiser`."""
+    optimiser = make_method(
+        definition.method.name,
+        search.problem(target),
+        embedding=search.embedding,
+        bounds=search.code_bounds,
+        seed=seed,
+        **({"empty_safe_set": "abstain"} | dict(definition.method.settings)),
+    )
+    if not optimiser.consults_model:
+        raise ParamsError(
+            f"method.name: {definition.method.name!r} has no model of safety; expected one that has"
+        )
+    return optimiser
+
+
+def kernel_inputs(optimiser: Optimizer, search: Search, trials: Sequence[Trial]) -> FloatArray:
+    """(n, p) what the optimiser measures distances between, for the points of trials."""
+    inputs = [search.input_of(t.point) for t in trials]
+    x = np.vstack([x for x, _ in inputs])
+    z = x if optimiser.embedding is None else np.asarray(optimiser.embedding.encode(x), float)
+    rows = np.array([row for _, row in inputs])
+    return optimiser.kernel_inputs(Trials.pending(x, z, len(search.space.safety), candidate=rows))
+
+
+def results_of(
+    trial: Trial, target: str, search: Search, trials: Sequence[Trial]
+) -> tuple[float, list[float], Status]:
+    """Objective, safety values and status of a trial, as an optimiser is told them.
+
+    A trial that was unsafe and gave no objective (no recording) must still teach that it was unsafe. It is
+    told with the lowest objective seen so far, in the model only: the log keeps that there is none.
+    """
+    space = search.space
+    nothing = float("nan"), [float("nan")] * len(space.safety), Status.FAILED
+    if trial.safety is None:
+        return nothing
+    safety = [trial.safety[s.name] for s in space.safety]
+    if trial.outcomes is not None:
+        return trial.outcomes[target], safety, Status.COMPLETED
+    seen = [t.outcomes[target] for t in trials[: trial.number] if t.outcomes is not None]
+    if space.safe(trial.safety) or not seen:
+        return nothing
+    return min(seen), safety, Status.COMPLETED

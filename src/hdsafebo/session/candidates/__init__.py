@@ -1,0 +1,1 @@
+"""Finite sets of permitted inputs, for sessions that choose among settings."""

@@ -1,0 +1,1 @@
+"""A simulated patient, and a month of trials with one."""

@@ -1,0 +1,4 @@
+"""What a session shows: summary, plots, report, export, audit, and what is believed best.
+
+Nothing here writes to the log.
+"""

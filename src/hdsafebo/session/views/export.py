@@ -1,0 +1,105 @@
+"""Writing a session's tables and log to files that other programs read."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+from hdsafebo.session.errors import SessionError
+from hdsafebo.session.log.chain import write_lines
+from hdsafebo.session.log.state import Trial
+from hdsafebo.session.session import Session
+from hdsafebo.session.views.summary import is_unsafe
+
+Row = dict[str, Any]
+
+
+def export_session(session: Session, folder: Path, *, recordings: bool = False) -> list[Path]:
+    """Write `trials.parquet`, `trials.csv`, `suggestions.csv` and `audit.log`, and the recordings if asked.
+
+    Raises:
+        SessionError: a file cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    session.refresh()
+    trials = [_trial_row(session, t) for t in session.state.trials]
+    columns = list(dict.fromkeys(key for row in trials for key in row))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = [folder / n for n in ("trials.parquet", "trials.csv", "suggestions.csv", "audit.log")]
+        pq.write_table(pa.table({c: [row.get(c) for row in trials] for c in columns}), paths[0])
+        _write_csv(paths[1], columns, trials)
+        suggestions = _suggestion_rows(session)
+        _write_csv(paths[2], list(suggestions[0]) if suggestions else ["suggestion"], suggestions)
+        paths[3].write_bytes(write_lines(session.store.lines()))
+        return paths + (_write_recordings(session, folder / "recordings") if recordings else [])
+    except OSError as error:
+        raise SessionError(f"{folder}: cannot be written: {error.strerror or error}") from None
+
+
+def _trial_row(session: Session, trial: Trial) -> Row:
+    belief = trial.belief or {}
+    row: Row = {
+        "trial": trial.number,
+        "origin": trial.origin,
+        "target": trial.target,
+        "status": trial.status,
+        "delivered": trial.delivered,
+        **session.space.row(trial.point),
+    }
+    row |= {f"outcome_{t}": (trial.outcomes or {}).get(t) for t in session.space.targets}
+    row |= {f"safety_{s.name}": (trial.safety or {}).get(s.name) for s in session.space.safety}
+    row |= {f"score_{rater}": score for rater, score in trial.details.get("scores", {}).items()}
+    if trial.details.get("mu") is not None:
+        row |= {f"mu_{t}": mu for t, mu in zip(session.space.targets, trial.details["mu"], strict=True)}
+    return row | {
+        "safe": None if trial.safety is None else not is_unsafe(session, trial),
+        "predicted_mean": belief.get("objective", {}).get("mean"),
+        "predicted_sd": belief.get("objective", {}).get("sd"),
+        "predicted_safe_probability": belief.get("safe_probability"),
+        "suggestion": trial.suggestion,
+        "decided_by": trial.decided_by,
+        "reason": trial.reason,
+        "failure": trial.failure,
+        "started": trial.started,
+        "recorded": trial.recorded,
+        "recording": trial.details.get("recording", {}).get("name"),
+    }
+
+
+def _suggestion_rows(session: Session) -> list[Row]:
+    return [
+        {
+            "suggestion": s.number,
+            "target": s.target,
+            "decision": s.decision,
+            **session.space.row(s.point),
+            "predicted_mean": s.belief["objective"]["mean"],
+            "predicted_sd": s.belief["objective"]["sd"],
+            "predicted_safe_probability": s.belief["safe_probability"],
+        }
+        for s in session.state.suggestions
+    ]
+
+
+def _write_csv(path: Path, columns: list[str], rows: list[Row]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _write_recordings(session: Session, folder: Path) -> list[Path]:
+    """One file per recording, named by its trial; the name given by the user supplies only the suffix."""
+    folder.mkdir(exist_ok=True)
+    paths = []
+    for trial in session.state.trials:
+        recording = trial.details.get("recording")
+        if recording is not None:
+            path = folder / f"trial{trial.number:04d}{Path(recording['name']).suffix.lower()}"
+            path.write_bytes(session.store.file(recording["sha256"]))
+            paths.append(path)
+    return paths

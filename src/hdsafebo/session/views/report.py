@@ -1,0 +1,186 @@
+"""One self-contained HTML page about a session: what was done, what came of it, what the model believed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+
+from hdsafebo.session.errors import SessionError
+from hdsafebo.session.log.state import Trial
+from hdsafebo.session.session import DISCLAIMER, Session
+from hdsafebo.session.views.audit import verify_session
+from hdsafebo.session.views.believed import believed_best
+from hdsafebo.session.views.plots import calibration_svg, course_svg
+from hdsafebo.session.views.summary import calibration, counts, is_unsafe, promised
+
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
+table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; }
+td, th { padding: .2rem .8rem .2rem 0; text-align: left; border-bottom: 1px solid #d8dee4; }
+.unsafe, .notice { color: #b3261e; font-weight: 600; }
+.figures { display: flex; flex-wrap: wrap; gap: 1rem; }
+figure { margin: 0; flex: 1 1 22rem; max-width: 32rem; }
+svg { width: 100%; }
+code { overflow-wrap: anywhere; }
+.wide { overflow-x: auto; }
+"""
+
+
+def write_report(session: Session, path: Path) -> Path:
+    """Write the report; returns its path.
+
+    Raises:
+        AuditError: the log or a file it refers to was changed.
+        SessionError: the file cannot be written.
+    """
+    session.refresh()
+    verdict = verify_session(session)
+    name = escape(session.definition.name)
+    body = [
+        f"<h1>{name}</h1><p class=notice>{escape(DISCLAIMER)}</p>",
+        f"<p>Session <code>{session.state.session}</code>, {verdict.entries} log entries, checked, intact. "
+        f"Head of the log: <code>{verdict.head}</code>. Keep this hash elsewhere: a log that was cut or "
+        "rebuilt does not hold it.</p>",
+        _overview(session),
+        _targets(session),
+        _calibration(session),
+        _unsafe(session),
+        _decisions(session),
+        _all_trials(session),
+    ]
+    html = (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{name}</title><style>{_STYLE}</style>'
+    )
+    try:
+        path.write_text(f"{html}<body>{''.join(body)}</body></html>\n", encoding="utf-8")
+    except OSError as error:
+        raise SessionError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def _overview(session: Session) -> str:
+    counted = counts(session)
+    rows = [(key.replace("_", " "), value) for key, value in counted.items()]
+    promise = promised(session)
+    method = session.definition.method.name
+    text = (
+        f"Method {method}, beta = {promise['beta']:.3g}: each suggestion is safe with probability "
+        f"{promise['alpha']:.4g} at least, if the model is right."
+    )
+    return f"<h2>Trials</h2><p>{escape(text)}</p>{_table(('kind', 'number'), rows)}"
+
+
+def _targets(session: Session) -> str:
+    rows = []
+    believed = believed_best(session)
+    for target in session.space.targets:
+        first, last = session.best(target, origin="initial"), session.best(target)
+        best = believed.get(target)
+        rows.append(
+            (
+                target,
+                _value(first, target),
+                _value(last, target),
+                "" if last is None else session.space.describe(last.point),
+                "none" if best is None else f"{best.mean:.4f} ± {2.0 * best.deviation:.4f}",
+                "" if best is None else session.space.describe(best.trial.point),
+            )
+        )
+    treated = {t.target for t in session.state.trials if t.target is not None} | {session.state.target}
+    figures = "".join(
+        f"<figure>{course_svg(session, t)}<figcaption>{escape(t)}</figcaption></figure>"
+        for t in session.space.targets
+        if t in treated
+    )
+    head = ("target", "highest safe initial", "highest safe", "inputs", "believed best safe", "inputs")
+    text = (
+        "Highest: the highest single measurement, which is a lucky one. Believed: by a model that weighs it "
+        "against similar inputs, repetitions and the effects of days, with two standard deviations."
+    )
+    return f"<h2>Targets</h2><p>{text}</p>{_table(head, rows)}<div class=figures>{figures}</div>"
+
+
+def _calibration(session: Session) -> str:
+    rows = [
+        (
+            f"{b.low:g} to {b.high:g}",
+            b.trials,
+            f"{b.predicted:.4f}",
+            f"{b.observed:.4f}",
+            f"{b.interval[0]:.3f} to {b.interval[1]:.3f}",
+        )
+        for b in calibration(session)
+    ]
+    head = ("predicted safe probability", "trials", "mean prediction", "share safe", "95% interval")
+    return (
+        "<h2>Calibration</h2><p>Recommended trials only. Bars: predicted; dots: observed, with 95% "
+        "Clopper-Pearson intervals.</p>"
+        f"<figure>{calibration_svg(session)}</figure>{_table(head, rows)}"
+    )
+
+
+def _unsafe(session: Session) -> str:
+    rows = [
+        _trial_row(session, t)
+        for t in session.state.trials
+        if is_unsafe(session, t) and t.origin != "initial"
+    ]
+    table = _table(_TRIAL_HEAD, rows) if rows else "<p>None.</p>"
+    return f"<h2>Unsafe trials after the initial ones</h2>{table}"
+
+
+def _decisions(session: Session) -> str:
+    kinds = ("refused", "modified", "stopped", "resumed", "target_switched", "abstained", "noted")
+    rows = []
+    for entry in session.entries:
+        if entry.kind in kinds:
+            words = [entry.payload.get(key, "") for key in ("reason", "target", "text")]
+            rows.append(
+                (
+                    entry.seq,
+                    entry.time,
+                    entry.who,
+                    entry.kind.replace("_", " "),
+                    " ".join(w for w in words if w),
+                )
+            )
+    return f"<h2>Decisions and remarks</h2>{_table(('entry', 'time', 'who', 'what', 'why'), rows)}"
+
+
+def _all_trials(session: Session) -> str:
+    rows = [_trial_row(session, t) for t in session.state.trials]
+    return f"<h2>All trials</h2><div class=wide>{_table(_TRIAL_HEAD, rows)}</div>"
+
+
+_TRIAL_HEAD = ("trial", "chosen by", "inputs", "target", "outcome", "predicted", "safety", "P(safe)", "who")
+
+
+def _trial_row(session: Session, trial: Trial) -> tuple[object, ...]:
+    target = trial.target or session.state.target
+    belief = trial.belief or {}
+    safety = ", ".join(f"{k} {v:g}" for k, v in (trial.safety or {}).items())
+    return (
+        trial.number,
+        trial.origin,
+        session.space.describe(trial.point),
+        trial.target or "",
+        _value(trial, target) if trial.outcomes else trial.failure or trial.status,
+        f"{belief['objective']['mean']:.3f}" if belief else "",
+        safety + (" UNSAFE" if is_unsafe(session, trial) else ""),
+        f"{belief['safe_probability']:.4f}" if belief else "",
+        trial.decided_by,
+    )
+
+
+def _value(trial: Trial | None, target: str) -> str:
+    return "none" if trial is None or trial.outcomes is None else f"{trial.outcomes[target]:.4f}"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    cells = "".join(f"<th>{escape(h)}</th>" for h in head)
+    lines = []
+    for row in rows:
+        mark = " class=unsafe" if any("UNSAFE" in str(c) for c in row) else ""
+        lines.append(f"<tr{mark}>" + "".join(f"<td>{escape(str(c))}</td>" for c in row) + "</tr>")
+    return f"<table><thead><tr>{cells}</tr></thead><tbody>{''.join(lines)}</tbody></table>"

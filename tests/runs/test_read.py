@@ -1,0 +1,93 @@
+"""Run files are read exactly, and every malformed one is refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from report.run_files import trial_table, write_run
+
+from hdsafebo.errors import DatasetError
+from hdsafebo.runs.read import read_run, read_runs
+
+
+def one_run() -> pd.DataFrame:
+    return trial_table(3, [1.0, 2.0, 3.0, float("nan")], [0.5, -0.5, 0.1, 0.2], n_initial=2, batch=2)
+
+
+def test_reads_rows_and_metadata(tmp_path: Path) -> None:
+    path = write_run(tmp_path, "toy", "sobol", [one_run()], n_initial=2, batch=2, optimum=4.0, beta=2.0)
+    run = read_run(path)
+    assert (run.meta.task, run.meta.method, run.meta.seeds) == ("toy", "sobol", [3])
+    assert (run.meta.optimum, run.meta.beta, run.meta.n_trials) == (4.0, 2.0, 4)
+    assert run.trials["objective"].tolist()[:3] == [1.0, 2.0, 3.0]
+    assert run.trials["status"].tolist() == ["completed"] * 3 + ["failed"]
+    assert run.optimised["trial"].tolist() == [2], "initial and failed trials are not the method's choices"
+
+
+def test_rows_are_sorted(tmp_path: Path) -> None:
+    path = write_run(tmp_path, "toy", "sobol", [one_run().iloc[::-1]], n_initial=2, batch=2)
+    assert read_run(path).trials["trial"].tolist() == [0, 1, 2, 3]
+
+
+def test_no_folder_is_no_runs(tmp_path: Path) -> None:
+    assert read_runs(tmp_path / "nowhere") == {}
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda t: t.drop(columns="violation"), r"columns \['violation'\] are missing"),
+        (lambda t: pd.concat([t, t.iloc[:1]]), "appear twice"),
+        (lambda t: t.assign(status="done"), r"unknown status \['done'\]"),
+        (lambda t: t.assign(status="completed"), "without finite objective"),
+        (lambda t: t.assign(violation=-t["violation"].abs() - 1), "negative violations"),
+        (lambda t: t.assign(safe=True), "safe trials with a violation"),
+        (lambda t: t.assign(predicted_safe_probability=1.5), r"outside \[0, 1\]"),
+        (lambda t: t.assign(method_seconds=-1.0), "negative times"),
+        (lambda t: t.assign(initial=True), "initial trials outside round 0"),
+        (lambda t: t.assign(objective="much"), "wrong type"),
+    ],
+)
+def test_malformed_rows_are_refused(
+    tmp_path: Path, damage: Callable[[pd.DataFrame], pd.DataFrame], message: str
+) -> None:
+    path = write_run(tmp_path, "toy", "sobol", [damage(one_run())], n_initial=2, batch=2)
+    with pytest.raises(DatasetError, match=message) as error:
+        read_run(path)
+    assert str(path) in str(error.value)
+
+
+def test_seeds_must_be_those_of_the_metadata(tmp_path: Path) -> None:
+    path = write_run(tmp_path, "toy", "sobol", [one_run()], n_initial=2, batch=2, seeds=[3, 4])
+    with pytest.raises(DatasetError, match="seeds other than"):
+        read_run(path)
+
+
+def test_malformed_metadata_is_refused(tmp_path: Path) -> None:
+    path = write_run(tmp_path, "toy", "sobol", [one_run()], n_initial=2, batch=2, space="nowhere")
+    with pytest.raises(DatasetError, match="metadata: space"):
+        read_run(path)
+    table = pq.read_table(path)
+    pq.write_table(table.replace_schema_metadata({}), path)
+    with pytest.raises(DatasetError, match="'hdsafebo' is missing"):
+        read_run(path)
+    pq.write_table(table.replace_schema_metadata({b"hdsafebo": b"{"}), path)
+    with pytest.raises(DatasetError, match="no JSON"):
+        read_run(path)
+
+
+def test_name_must_fit_the_content(tmp_path: Path) -> None:
+    path = write_run(tmp_path, "toy", "sobol", [one_run()], n_initial=2, batch=2)
+    with pytest.raises(DatasetError, match=r"expected the name toy-sobol\.parquet"):
+        read_run(path.rename(path.with_name("toy-cei.parquet")))
+
+
+def test_what_is_no_parquet_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "toy-sobol.parquet"
+    path.write_bytes(b"PAR1 nonsense")
+    with pytest.raises(DatasetError, match="cannot be read as parquet"):
+        read_run(path)
