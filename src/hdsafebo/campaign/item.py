@@ -9,7 +9,7 @@ from typing import Any
 from hdsafebo.campaign.executor import execute
 from hdsafebo.campaign.journal import make_durable_directory
 from hdsafebo.campaign.progress import ProgressWatcher
-from hdsafebo.campaign.run_spec import RunSpec, budget_of
+from hdsafebo.campaign.run_spec import RunSpec, budget_of, settings_of
 from hdsafebo.campaign.runner import RunResult, run
 from hdsafebo.errors import JournalError, ParamsError
 from hdsafebo.params import Params
@@ -50,7 +50,7 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         raise ParamsError(f"methods: no block {method!r}; it has {', '.join(sorted(params.methods))}")
     seeds = list(budget.seeds_for(method))
     plain = params.model_dump(mode="json")
-    settings = plain["methods"][method]
+    settings = settings_of(params, task, method)
     block = plain["tasks"][family_of(task)]
     tracker.place(
         experiment=task,

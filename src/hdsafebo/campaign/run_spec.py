@@ -15,6 +15,7 @@ import hdsafebo
 from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.registry import method_module
 from hdsafebo.params import Budget, Params, parse_params
+from hdsafebo.params.base import MethodSettings
 from hdsafebo.pipeline.code import modules_behind
 from hdsafebo.pipeline.imports import ImportGraph
 from hdsafebo.pipeline.provenance import digest_file, digest_paths
@@ -89,6 +90,12 @@ def budget_of(params: Params, task: str) -> Budget:
     return budget
 
 
+def settings_of(params: Params, task: str, method: str) -> MethodSettings:
+    """Settings of a method on a task: those on all tasks, and those of the task's family."""
+    family = getattr(params.tasks, family_of(task))
+    return params.methods[method] | family.settings.get(method, {})
+
+
 def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[str, Any]:
     """Everything that determines the trials of a run, as plain data.
 
@@ -118,7 +125,7 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
         "trials": budget.trials,
         "batch": budget.batch,
         "problem": plain["tasks"][family_of(spec.task)]["problem"],
-        "settings": plain["methods"][spec.method],
+        "settings": settings_of(params, spec.task, spec.method),
         "blocks": {name: plain[name] for name in _BLOCKS[family_of(spec.task)]},
         "inputs": files,
         "code": _code_digest(family_of(spec.task), spec.method),

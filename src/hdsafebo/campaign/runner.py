@@ -18,7 +18,7 @@ import numpy as np
 
 from hdsafebo.campaign.progress import Beacon
 from hdsafebo.campaign.rounds import Round, RunJournal, points_digest
-from hdsafebo.campaign.run_spec import RunSpec, budget_of, identity_of
+from hdsafebo.campaign.run_spec import RunSpec, budget_of, identity_of, settings_of
 from hdsafebo.errors import JournalError, NoSafePointError, SurrogateError
 from hdsafebo.gp.safe_set import alpha_of
 from hdsafebo.optimizers.base import Optimizer
@@ -67,7 +67,7 @@ def run(spec: RunSpec) -> RunResult:
     identity = identity_of(spec, params, task.inputs)
     with RunJournal(spec.journal, spec.name, identity) as journal:
         if journal.outcome is None:
-            settings = params.methods[spec.method]
+            settings = settings_of(params, spec.task, spec.method)
             _Run(spec, task, settings, budget_of(params, spec.task), journal).finish()
         assert journal.outcome is not None
         rows = join_rows([entry.rows for entry in journal.rounds])
