@@ -59,6 +59,14 @@ class MovingCodec(Codec, Protocol):
         """(n,) True for codes whose decoded input was moved."""
 
 
+@runtime_checkable
+class LinearCodec(Codec, Protocol):
+    """An affine codec that says what becomes of a linear map, so that no method has to find out."""
+
+    def compose(self, matrix: FloatArray, /) -> FloatArray:
+        """(p, d) the linear map of codes that (p, D) `matrix` is of decoded inputs."""
+
+
 class CandidateSet(Protocol):
     """A finite set of inputs, the only ones that can be evaluated."""
 

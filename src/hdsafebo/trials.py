@@ -85,7 +85,8 @@ class Trials:
 
     def __getitem__(self, rows: NDArray[np.bool_] | IntArray | slice | Sequence[int]) -> Trials:
         """The sub-table of the given rows (a mask, a slice or row numbers)."""
-        return Trials(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        columns = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "z"}
+        return Trials(**columns, z=columns["x"] if self.z is self.x else self.z[rows])
 
     def append(self, other: Trials) -> Trials:
         """This table followed by `other`; both have the same D, d and m."""

@@ -135,6 +135,10 @@ class Optimizer(ABC):
         """(k,) predictions of the objective's model, mean and deviation, in units of the objective."""
         return mean, deviation
 
+    def inputs_of(self, rows: IntArray) -> FloatArray:
+        """(k, p) `kernel_inputs` of the given rows of `trials`."""
+        return self.kernel_inputs(self.trials[rows])
+
     def believe(self, trials: Trials) -> tuple[FloatArray, FloatArray]:
         """(n,) safe probabilities and (n,) violation bounds of the points of `trials`, not yet evaluated.
 
@@ -339,11 +343,10 @@ class Optimizer(ABC):
         rows = self.rows_to_fit()
         if len(rows) == 0:
             raise NoSafePointError(f"{self.name} has no completed trial to fit; report data with observe")
-        trials = self.trials[rows]
         return fit_surrogate(
-            self.kernel_inputs(trials),
+            self.inputs_of(rows),
             self.outcomes_to_fit(rows),
-            modelled_safety(self.problem.safety, trials.safety),
+            modelled_safety(self.problem.safety, self.trials.safety[rows]),
             modelled_thresholds(self.problem.safety),
             start=start,
             cache=cache,
@@ -367,7 +370,7 @@ class Optimizer(ABC):
 
     def rows_to_fit(self) -> IntArray:
         """Rows of the completed trials that the surrogate is fitted to: all, or those near the best."""
-        return rows_near_best(self._ledger, self.kernel_inputs, self.settings.max_fitted_trials)
+        return rows_near_best(self._ledger, self.inputs_of, self.settings.max_fitted_trials)
 
     @property
     def fit_counts(self) -> FitCounts:

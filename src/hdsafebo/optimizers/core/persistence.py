@@ -67,7 +67,9 @@ def save_optimizer(optimizer: Persistent, path: Path) -> None:
         "fits": optimizer._fits.to_json(),
         "method_state": method_state,
     }
-    arrays = {_TRIALS + f.name: getattr(optimizer.trials, f.name) for f in fields(Trials)}
+    trials = optimizer.trials
+    names = [f.name for f in fields(Trials) if not (f.name == "z" and trials.z is trials.x)]
+    arrays = {_TRIALS + name: getattr(trials, name) for name in names}
     arrays |= {_METHOD + name: value for name, value in method_arrays.items()}
     arrays["problem.bounds"] = optimizer.problem.bounds
     if space is not None:
@@ -81,6 +83,7 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
     try:
         _check_identity(kind, path, state, arrays, problem, embedding)
         optimizer = kind(problem, embedding=embedding, bounds=arrays.get("bounds"), **state["settings"])
+        arrays.setdefault(_TRIALS + "z", arrays[_TRIALS + "x"])  # without an embedding, codes are inputs
         trials = Trials(**{f.name: arrays[_TRIALS + f.name] for f in fields(Trials)})
         _check_codes(path, trials, optimizer)
         optimizer._ledger.append(trials)

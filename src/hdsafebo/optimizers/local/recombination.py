@@ -11,12 +11,15 @@ import numpy as np
 
 from hdsafebo.gp.sampling import thompson_sample
 from hdsafebo.gp.surrogate import Surrogate
-from hdsafebo.search.metric import Metric
+from hdsafebo.search.row_space import RowSpace
 from hdsafebo.typing import FloatArray
 
 _STEPS = 1600
-_STEP_SIZES = (0.003, 0.5)
-"""Standard deviations of random steps per dimension, in widths of the box."""
+_STEP_SIZES = (0.01, 3.0)
+"""Typical lengths of random steps, in fitted length scales: a hundredth changes nothing, beyond three the
+posterior is the prior."""
+_WIDEST = 0.5
+"""Largest standard deviation of a step per dimension, in widths of the box."""
 _LARGEST = 0.98
 """Quantile of the sizes believed safe that counts as the largest of them."""
 
@@ -30,8 +33,8 @@ def recombined(parents: FloatArray) -> FloatArray:
 
 def safe_steps(
     surrogate: Surrogate,
-    metric: Metric,
-    centre: FloatArray,
+    rows: RowSpace,
+    inputs: FloatArray,
     beta: float,
     n: int,
     rng: np.random.Generator,
@@ -41,25 +44,29 @@ def safe_steps(
 
     Steps that are believed safe form n classes by their size; of each class the best under a posterior sample
     of its own is taken. Chosen from all at once they would mostly be small: there the mean is known to be
-    high.
+    high. All of them are standard normal in every dimension but for their size; only those that are taken
+    are ever given their hidden part.
 
     Args:
         surrogate: what is believed.
-        metric: from unit cube to kernel inputs.
-        centre: (d,) of the unit cube.
+        rows: what kernel inputs see of a step.
+        inputs: (p,) kernel inputs of the point that is stepped from.
         beta: of the safe set.
         n: number of steps.
         rng: source of randomness.
         least: size of a step, in units of the largest that is believed safe.
     """
     if n == 0:
-        return np.empty((0, len(centre)))
-    deviation = np.geomspace(*_STEP_SIZES, _STEPS)
-    steps = np.clip(centre + deviation[:, None] * rng.standard_normal((_STEPS, len(centre))), 0.0, 1.0)
-    inputs = metric.inputs(steps)
-    safe = np.flatnonzero(surrogate.believed_safe(inputs, beta))
+        return np.empty((0, rows.basis.shape[1]))
+    reach = surrogate.length_scale / rows.typical_length
+    smallest, largest = (min(reach * size, _WIDEST) for size in _STEP_SIZES)
+    sizes = np.geomspace(smallest, largest, _STEPS)
+    visible = rng.standard_normal((_STEPS, rows.rank))
+    ends = inputs + sizes[:, None] * (visible @ rows.image.T)
+    safe = np.flatnonzero(surrogate.believed_safe(ends, beta))
     if least > 0 and len(safe):
-        safe = safe[deviation[safe] >= least * np.quantile(deviation[safe], _LARGEST)]
-    classes = [rows for rows in np.array_split(safe, n) if len(rows)]
-    chosen = [rows[thompson_sample(surrogate.objective, inputs[rows], 1, rng)] for rows in classes]
-    return steps[np.concatenate([safe[:0], *chosen])]
+        safe = safe[sizes[safe] >= least * np.quantile(sizes[safe], _LARGEST)]
+    classes = [part for part in np.array_split(safe, n) if len(part)]
+    chosen = [part[thompson_sample(surrogate.objective, ends[part], 1, rng)] for part in classes]
+    taken = np.concatenate([safe[:0], *chosen])
+    return sizes[taken, None] * rows.completed(visible[taken], rng)
