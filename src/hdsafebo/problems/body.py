@@ -26,8 +26,8 @@ from hdsafebo.policies.affine import PolicySpace
 from hdsafebo.policies.safety import EpisodeSafety, budget, lasts
 from hdsafebo.typing import FloatArray
 
-PUSHES = (11, 4, 10)
-"""Seeds of the evaluation pushes: to the left, forwards, and to the right, of 0.06 to 0.12 m/s."""
+PUSHES = (10, 4, 9)
+"""Seeds of the evaluation pushes: forwards to the right, forwards, forwards to the left; 0.07 to 0.17 m/s."""
 UNSEEN_PUSHES = (101, 102, 103, 104, 105)
 """Seeds of pushes that no trial meets."""
 LEAST_TIME = 1.7

@@ -9,7 +9,7 @@ No ascent moves along such directions, and to a model what they do looks like no
 
 In thousands of dimensions a mean of all good trials hardly moves and small steps change little, so the
 parents are recent ones, the steps large, and a violation, which large steps make likelier, lowers beta by
-less.
+less. Steps and ascents are computed in what kernel inputs see of them (see `row_space`).
 """
 
 from __future__ import annotations
@@ -125,13 +125,14 @@ class HiddenSearch(AscentSearch):
 
     def _steps(self, centre: FloatArray, n: int) -> FloatArray:
         """(m, d) ends of random steps that are believed safe, m at most n."""
-        inputs = self.metric.inputs(centre[None])[0]
         least = _LEAST_STEP if self._many else 0.0
-        steps = safe_steps(self.surrogate, self.rows, inputs, self.confidence, n, self.rng, least)
-        return np.clip(centre + steps, 0.0, 1.0)
+        arguments = (self.surrogate, self.metric, self.rows, centre, self.confidence, n, self.rng)
+        return safe_steps(*arguments, least=least, whole=not self._many)
 
     def _climb(self, value: ValueAndGradient, centre: FloatArray, radius: FloatArray) -> FloatArray:
-        """Ascents along what kernel inputs see; nothing hidden moves."""
+        """In many dimensions, ascents in the numbers that kernel inputs see; nothing hidden moves."""
+        if not self._many:
+            return super()._climb(value, centre, radius)
         beta, surrogate = self.confidence, self.surrogate
         metric, middle = self.rows.around(self.metric.inputs(centre[None])[0])
         directions = metric.normalised(self.rng.standard_normal((len(radius), self.rows.rank)))
