@@ -132,7 +132,9 @@ def test_parents_far_apart_are_left_where_nothing_is_safe_between_them() -> None
     problem.features = LinearFeatures(matrix)
     optimizer = HdSafeBOLocal(problem, seed=0)
     x = rng.random((60, 4))
-    optimizer.observe(x, -np.abs(x[:, 1] - 0.5), problem.function(x)[1], initial=True)
+    x[:30, 0] = np.where(np.arange(30) % 2, 0.08, 0.92) + 0.05 * rng.standard_normal(30)
+    x = np.clip(x, 0.0, 1.0)
+    optimizer.observe(x, -np.arange(60.0), problem.function(x)[1], initial=True)
     search = optimizer.search
     assert isinstance(search, HiddenSearch)
     mean = search.centre()
