@@ -1,12 +1,12 @@
-"""Safe search over the policies of a Gymnasium environment: return and safe share while it runs, then a video.
+"""Safe search over policies of a Gymnasium environment: return and safe share while it runs, then a video.
 
     python examples/any_environment.py Hopper-v5
     python examples/any_environment.py HalfCheetah-v5 --steps 200 --least-steps 200 --trials 250
     python examples/any_environment.py hdsafebo/PushedLegs-v0 --least-steps 150 --workers 2
 
 A policy is safe when the episode lasts at least so many steps with every evaluation seed. Replace `safety` by
-what must not happen to your own system: `budget("cost", 25)` for what the environment reports as `info["cost"]`,
-or a function of the episode.
+what must not happen to your own system: `budget("cost", 25)` for what the environment reports as
+`info["cost"]`, or a function of the episode.
 """
 
 from __future__ import annotations

@@ -103,6 +103,13 @@ def test_fewer_directions_are_the_main_ones() -> None:
     assert 0.3 < kept < 1.0
 
 
+def test_directions_hold_most_of_what_was_recorded() -> None:
+    p = problem()
+    kept = len(p.features.matrix) // p.policies.actions
+    values = np.linalg.eigvalsh(p.recorded.T @ p.recorded)[::-1]
+    assert values[:kept].sum() >= 0.95 * values.sum() > values[: kept - 1].sum()
+
+
 def test_the_same_arguments_make_the_same_problem() -> None:
     one, other = problem(), problem()
     np.testing.assert_array_equal(one.features.matrix, other.features.matrix)

@@ -11,11 +11,13 @@ from numpy.typing import ArrayLike
 from hdsafebo.errors import ProblemError
 from hdsafebo.policies.affine import Normalisation, PolicySpace
 from hdsafebo.policies.environments import action_limits
-from hdsafebo.policies.features import main_actions
+from hdsafebo.policies.features import leading, main_actions
 from hdsafebo.typing import FloatArray
 
 _BOX_FACTOR = 1.5
 _BOX_LEAST = 0.03
+_SHARE = 0.95
+_MOST_DIRECTIONS = 12
 _POLICIES = 40
 _STRIDE = 7
 """Consecutive observations are much alike: every seventh one of 40 policies' tells main directions."""
@@ -99,6 +101,13 @@ def weight_limits(box: ArrayLike | str, drawn: FloatArray) -> FloatArray:
     if not (np.isfinite(limit).all() and (limit > 0).all()):
         raise ProblemError("box has limits that are not finite and above 0")
     return np.stack([-limit, limit])
+
+
+def main_directions(seen: FloatArray) -> int:
+    """How many main directions of (m, o + 1) observations hold 95 % of their second moment; at most 12."""
+    values, _ = leading(seen.T @ seen / len(seen), seen.shape[1])
+    shares = np.cumsum(values) / values.sum()
+    return min(int(np.searchsorted(shares, _SHARE)) + 1, _MOST_DIRECTIONS)
 
 
 def action_axes(count: int | None, drawn: FloatArray, seen: FloatArray, actions: int) -> FloatArray:

@@ -36,7 +36,13 @@ from hdsafebo.policies.environments import (
 from hdsafebo.policies.episode import Episode
 from hdsafebo.policies.evaluation import play_all
 from hdsafebo.policies.features import behaviour_features
-from hdsafebo.policies.making import action_axes, checked_seeds, raw_space, weight_limits
+from hdsafebo.policies.making import (
+    action_axes,
+    checked_seeds,
+    main_directions,
+    raw_space,
+    weight_limits,
+)
 from hdsafebo.policies.policy_file import check_same_space, load_policy, save_policy
 from hdsafebo.policies.recording import check_seeds, recorded_observations
 from hdsafebo.policies.safety import EpisodeSafety
@@ -68,7 +74,9 @@ class GymnasiumPolicies(Problem):
         design: draws initial policies; None draws Gaussian ones of all sizes.
         box: limit of the weights, a number or (D,); "design" takes 1.5 times the largest of 100 initial
             policies, weight by weight, and at least 0.03.
-        directions: main directions of observations that behaviour features keep.
+        directions: main directions of observations that behaviour features keep; None keeps those with 95 %
+            of the recorded observations' second moment, at most 12. What they leave out, `hdsafebo_local`
+            searches as an evolution strategy does.
         action_directions: main directions of actions that they keep; None keeps all actions.
         recorded: number of initial policies that are played to record observations.
         recording_seed: of their draw.
@@ -99,7 +107,7 @@ class GymnasiumPolicies(Problem):
         unit: ArrayLike | None = None,
         design: Design | None = None,
         box: ArrayLike | Literal["design"] = 1.0,
-        directions: int = 12,
+        directions: int | None = None,
         action_directions: int | None = None,
         recorded: int = 10,
         recording_seed: int = 0,
@@ -126,7 +134,7 @@ class GymnasiumPolicies(Problem):
         drawn = self._drawn(_DRAWS, np.random.default_rng([recording_seed, 1]))
         self.bounds = weight_limits(box, drawn)
         axes = action_axes(action_directions, drawn, self.recorded, self.policies.actions)
-        kept = min(directions, self.recorded.shape[1])
+        kept = main_directions(self.recorded) if directions is None else directions
         self.features = behaviour_features(self.recorded, kept, axes, self.policies.actions)
         check_problem(self)
 

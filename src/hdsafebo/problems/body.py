@@ -19,15 +19,18 @@ import numpy as np
 
 from hdsafebo.bodies.environment import HORIZON
 from hdsafebo.bodies.posture import posture_of
-from hdsafebo.bodies.reflex import random_gains, reflex
+from hdsafebo.bodies.reflex import ReflexGains, gain_ranges, random_gains, reflex
 from hdsafebo.bodies.simulation import CONTROL_INTERVAL
 from hdsafebo.policies import GymnasiumPolicies
 from hdsafebo.policies.affine import PolicySpace
 from hdsafebo.policies.safety import EpisodeSafety, budget, lasts
+from hdsafebo.policies.synergies import ActionSynergies
+from hdsafebo.problem import Problem, check_problem
+from hdsafebo.trials import Evaluation, Trials
 from hdsafebo.typing import FloatArray
 
-PUSHES = (10, 4, 9)
-"""Seeds of the evaluation pushes: forwards to the right, forwards, forwards to the left; 0.07 to 0.17 m/s."""
+PUSHES = (1, 4, 9)
+"""Seeds of the evaluation pushes: forwards to the right, forwards, forwards to the left; 0.09 to 0.17 m/s."""
 UNSEEN_PUSHES = (101, 102, 103, 104, 105)
 """Seeds of pushes that no trial meets."""
 LEAST_TIME = 1.7
@@ -101,6 +104,39 @@ def body_policies(
         name=f"body_{body}",
         executor=executor,
     )
+
+
+class ReflexGainsProblem(Problem):
+    """The six gains of a reflex in place of all weights: what a careful person would tune.
+
+    Args:
+        policies: the problem of the body, which plays and judges.
+        body: its name.
+    """
+
+    depends_on_history = False
+
+    def __init__(self, policies: GymnasiumPolicies, body: str = "myofullbody") -> None:
+        self.policies, self.body = policies, body
+        self.name = f"{policies.name}_gains"
+        self.safety = policies.safety
+        self.bounds = gain_ranges(body)
+        check_problem(self)
+
+    def evaluate(self, trials: Trials) -> Evaluation:
+        """Play the reflexes with the gains of each row."""
+        x = np.stack([self.weights(row) for row in trials.x])
+        return self.policies.evaluate(Trials.pending(x, x, len(self.safety)))
+
+    def weights(self, gains: FloatArray) -> FloatArray:
+        """(D,) weights of the reflex with (6,) gains, about the excitations that hold the posture."""
+        gain = _EXCITATION_UNIT * reflex(self.body, ReflexGains(*np.asarray(gains, float).tolist()))
+        return self.policies.policies.weights_of(gain, _as_action(posture_of(self.body).holding))
+
+
+def torque_synergies(policies: GymnasiumPolicies, body: str = "myofullbody") -> ActionSynergies:
+    """Policies whose muscles act together as joint torques need: one synergy per independent joint."""
+    return policies.synergies(posture_of(body).excitation)
 
 
 def safety_functions(least_time: float, most_load: float) -> list[EpisodeSafety]:
