@@ -1,7 +1,8 @@
-"""Safe search over policies of environments: Hopper, HalfCheetah, a whole body after a push, and MyoSuite's pen.
+"""Safe search over policies of environments: Hopper, HalfCheetah, a body after a push, and MyoSuite's pen.
 
-Every run is a file of its own that holds all trials' results; a run that is there is not computed again, and one
-that was killed goes on from its last saved round. Seeds below 100 are for choosing, reported ones are 1000 and up.
+Every run is a file of its own that holds all trials' results; a run that is there is not computed again, and
+one that was killed goes on from its last saved round. Seeds below 100 are for choosing, reported ones are 1000
+and up.
 The pen needs MyoSuite, which is not among this project's packages: install it beside with
 `pip install --no-deps myosuite`.
 
@@ -19,6 +20,7 @@ import resource
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -156,26 +158,21 @@ def run(task: str, name: str, seed: int, initial: int, trials: int) -> dict[str,
         physics += told - played
         if optimizer.round % SAVED_EVERY == 0:
             optimizer.save(state)
-        best = optimizer.best()
-        share = optimizer.feasible[initial:].mean()
+        best, done = optimizer.best(), len(optimizer.trials)
         shown = "none" if best is None else f"{float(best.objective[0]):.1f}"
-        print(
-            f"{task} {name} {seed}: {len(optimizer.trials)} trials, best {shown}, safe {share:.3f}",
-            flush=True,
-        )
-    best = optimizer.best()
+        share = optimizer.feasible[initial:].mean()
+        print(f"{task} {name} {seed}: {done} trials, best {shown}, safe {share:.3f}", flush=True)
+    best, table = optimizer.best(), optimizer.trials
     row = {
         "task": task,
         "method": name,
         "seed": seed,
         "initial": initial,
         "dimension": optimizer.space.dimension,
-        "objective": np.where(
-            np.isfinite(optimizer.trials.objective), optimizer.trials.objective, 0.0
-        ).tolist(),
+        "objective": np.where(table.completed, table.objective, 0.0).tolist(),
         "feasible": optimizer.feasible.tolist(),
-        "marked": int(optimizer.trials.marked_unsafe.sum()),
-        "failed": int((~optimizer.trials.completed).sum()),
+        "marked": int(table.marked_unsafe.sum()),
+        "failed": int((~table.completed).sum()),
         "abstained": stopped,
         "round_cpu_s": float(np.median(seconds)) if seconds else None,
         "physics_s": physics,
@@ -268,10 +265,8 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help=f"keep the summary in {OUT.relative_to(ROOT)}")
     given = parser.parse_args()
     RUNS.mkdir(parents=True, exist_ok=True)
-    jobs = (
-        [] if given.summary else [(t, m, s) for s in given.seeds for t in given.tasks for m in given.methods]
-    )
-    for task, method, seed in jobs:
+    jobs = [] if given.summary else product(given.seeds, given.tasks, given.methods)
+    for seed, task, method in jobs:
         path = RUNS / f"{task}-{method}-{seed}-{given.initial}-{given.trials}.json"
         if not path.exists():
             row = run(task, method, seed, given.initial, given.trials)
@@ -279,11 +274,8 @@ def main() -> None:
                 temporary.write_text(json.dumps(row) + "\n", encoding="utf-8")
     rows = summary()
     for row in rows:
-        shown = (
-            "-"
-            if row["best_median"] is None
-            else f"{row['best_median']:.1f} (spread {row['best_spread']:.1f})"
-        )
+        middle, spread = row["best_median"], row["best_spread"]
+        shown = "-" if middle is None else f"{middle:.1f} (spread {spread:.1f})"
         safe = ", ".join(f"{s:.3f}" for s in row["safety"])
         print(f"{row['task']:14s}{row['method']:22s}{row['trials']:5d}  best {shown}  safe {safe}")
     if given.write:

@@ -40,8 +40,8 @@ class ArsSettings(OptimizerSettings):
 class Ars(Optimizer):
     """See the module. Half a batch are directions, the other half their opposites.
 
-    The search starts from the best safe trial. With an odd batch the last trial is the present policy itself, so asked for single trials it stays where
-    it is. A direction of which a side failed is left out.
+    The search starts from the best safe trial. With an odd batch the last trial is the present policy itself,
+    so asked for single trials it stays where it is. A direction of which a side failed is left out.
     """
 
     name = "ars"
