@@ -1,8 +1,8 @@
 """Safe search over policies of environments: Hopper, HalfCheetah, a body after a push, and MyoSuite's pen.
 
 Every run is a file of its own that holds all trials' results; a run that is there is not computed again, and
-one that was killed goes on from its last saved round. Seeds below 100 are for choosing, reported ones are 1000
-and up.
+one that was killed goes on from its last saved round. Seeds below 100 are for choosing, those of reported
+figures are 1000 and up.
 The pen needs MyoSuite, which is not among this project's packages: install it beside with
 `pip install --no-deps myosuite`.
 

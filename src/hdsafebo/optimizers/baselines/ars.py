@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from hdsafebo.optimizers.base import Optimizer, Proposal
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import CentreSettings
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
 
 
-class ArsSettings(OptimizerSettings):
+class ArsSettings(CentreSettings):
     """Settings of `ars`.
 
     Attributes:
@@ -47,7 +47,6 @@ class Ars(Optimizer):
     name = "ars"
     Settings = ArsSettings
     settings: ArsSettings
-    consults_model = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
