@@ -120,6 +120,10 @@ class Knowledge(ABC, Generic[S]):
         """(n, p) what the kernel measures distances between, for the points of `trials`."""
         return self.space.kernel_inputs(self.space.to_unit(trials.z))
 
+    def inputs_of(self, rows: IntArray) -> FloatArray:
+        """(k, p) `kernel_inputs` of the given rows of `trials`."""
+        return self.kernel_inputs(self.trials[rows])
+
     @property
     def noise_prior(self) -> NoisePrior:
         """What is known beforehand of the noise of all functions."""
@@ -135,7 +139,7 @@ class Knowledge(ABC, Generic[S]):
 
     def rows_to_fit(self) -> IntArray:
         """Rows of the completed trials that the surrogate is fitted to: all, or those near the best."""
-        return rows_near_best(self._ledger, self.kernel_inputs, self.model_settings.max_fitted_trials)
+        return rows_near_best(self._ledger, self.inputs_of, self.model_settings.max_fitted_trials)
 
     def begin_day(self, day: int, earlier: IntArray | None = None) -> None:
         """Trials from now on are of another day, between which outcomes drift.
@@ -277,7 +281,7 @@ class Knowledge(ABC, Generic[S]):
             self.problem,
             self.trials,
             rows,
-            kernel_inputs=self.kernel_inputs,
+            inputs_of=self.inputs_of,
             objective=self.outcomes_to_fit(rows),
             settings=self.model_settings,
             noise=self.noise_prior,
