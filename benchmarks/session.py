@@ -109,7 +109,7 @@ def _suggest(arguments: argparse.Namespace, responses: Responses) -> None:
         session.suggest("benchmark")
         wall.append(time.perf_counter() - start)
         cpu.append(time.process_time() - start_cpu)
-        session.approve("benchmark")
+        session.approve("benchmark", session.state.suggestions[-1].number)
         _, response = answer(session, patient)
         recording = None if response.recording is None else (response.recording, "trial.csv")
         session.record("benchmark", Report(recording, response.scores))
@@ -140,7 +140,7 @@ def _write(name: str, result: dict[str, Any]) -> None:
 
 def _session(directory: Path, responses: Responses, seed: int, known: int | None = None) -> Session:
     """The session of a directory; made first where it does not exist."""
-    if (directory / "session" / "session.db").exists():
+    if (directory / "session").exists():
         return Session.open(directory / "session")
     definition, initial = write_example(directory, responses, seed)
     if known is not None:

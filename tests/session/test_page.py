@@ -82,7 +82,7 @@ def bench(make_session: Any) -> Iterator[Served]:
     """The page of a box session."""
     session = make_session()
     session.close()
-    served = Served(session.store.path.parent)
+    served = Served(session.store.directory)
     yield served
     served.stop()
 
@@ -144,7 +144,7 @@ def test_the_believed_best_is_the_models(bench: Served) -> None:
     """For the present target, with its uncertainty."""
     code, before = bench.post("believed", {})
     assert code == 200
-    session = Session.open(bench.page._viewer.store.path.parent)
+    session = Session.open(bench.page._viewer.store.directory)
     believed = believed_best(session, ["speed"])["speed"]
     assert before["best"] == {
         "number": believed.trial.number,
@@ -180,7 +180,7 @@ def test_other_sites_and_foreign_names_are_turned_away(bench: Served) -> None:
 def test_a_page_that_others_reach_needs_its_token(make_session: Any) -> None:
     session = make_session()
     session.close()
-    served = Served(session.store.path.parent, token="secret-token")
+    served = Served(session.store.directory, token="secret-token")
     try:
         assert served.get("/")[0] == 401
         assert served.get("/api/status")[0] == 401

@@ -28,7 +28,7 @@ from hdsafebo.session.spaces.stimulation import StimulationSpace, arrays
 from hdsafebo.session.views.audit import replay
 from hdsafebo.spinal.configurations import enumerate_configurations
 from tests.session.measuring.test_stimulator import allowed_by_hand
-from tests.session.small import CURRENTS_MA, FakeClock, small_definition
+from tests.session.small import CURRENTS_MA, FakeClock, approve_open, refuse_open, small_definition
 
 Clinic = tuple[Session, SimulatedPatient]
 
@@ -94,7 +94,7 @@ def test_broken_contacts_and_priors_bind_every_suggestion(
         assert point["polarity"][3] == 0
         assert sorted(p for p in point["polarity"] if p) == [-1, 1]
         assert point["current_ma"] <= 0.15
-        session.refuse("ann", "only looking")
+        refuse_open(session, "only looking")
     with pytest.raises(LimitError, match="impedance of a contact is 9000 ohm"):
         session.manual("ann", session.space.parse("4- 5+ at 0.1 mA", None))
 
@@ -194,7 +194,7 @@ def test_a_missing_recording_keeps_the_scores(clinic: Clinic) -> None:
 def test_no_current_above_an_unsafe_one_is_suggested_for_the_same_contacts(clinic: Clinic) -> None:
     session, _ = clinic
     point = session.suggest("ann").point
-    trial = session.approve("ann")
+    trial = approve_open(session)
     session.record("ann", Report(values={"patient": 0.0, "therapist": 9.0}))
     search = session.search()
     rows = search.beyond(trial.point)
@@ -207,7 +207,7 @@ def test_no_current_above_an_unsafe_one_is_suggested_for_the_same_contacts(clini
         assert not (
             following["polarity"] == point["polarity"] and following["current_ma"] >= point["current_ma"]
         )
-        session.refuse("ann", "only looking")
+        refuse_open(session, "only looking")
 
 
 @pytest.mark.parametrize(

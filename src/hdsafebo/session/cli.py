@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import getpass
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,7 +47,12 @@ def add_parser(subparsers: Any) -> None:
     modify.add_argument("point", help=_POINT_HELP)
     refuse = command("refuse", _refuse, "turn the open suggestion down")
     for step in (approve, modify, refuse):
-        step.add_argument("--suggestion", type=int, help="its number, to be sure which one is meant")
+        step.add_argument(
+            "--suggestion",
+            type=_whole_number,
+            required=True,
+            help="number of the suggestion that you have seen",
+        )
     manual = command("manual", _manual, "start a trial of one's own")
     manual.add_argument("point", help=_POINT_HELP)
     manual.add_argument("--reason", default="")
@@ -59,9 +65,10 @@ def add_parser(subparsers: Any) -> None:
     record.add_argument("--remark", default="")
     lost = command("not-delivered", _not_delivered, "close the running trial: nothing was delivered")
     for step in (record, lost):
-        step.add_argument("--trial", type=int, help="its number (default: the running one)")
+        step.add_argument("--trial", type=_whole_number, required=True, help="its number")
     stop = command("stop", _stop, "let no trial start until resume")
-    for step in (modify, refuse, lost, stop):
+    stop.add_argument("--reason", default="stop")
+    for step in (modify, refuse, lost):
         step.add_argument("--reason", required=True)
     command("resume", _resume, "go on after a stop")
     switch = command("switch-target", _switch, "optimise another objective; all history is reused")
@@ -69,6 +76,13 @@ def add_parser(subparsers: Any) -> None:
     note = command("note", _note, "keep a remark in the log")
     note.add_argument("text")
 
+    tighten = command("tighten", _tighten, "let the tighter hard limits of a session file hold from now on")
+    tighten.add_argument("definition", type=Path, help="session file (YAML) that differs in nothing else")
+    tighten.add_argument("--reason", default="")
+
+    backup = command("backup", _backup, "copy the session, also while others work in it", writes=False)
+    backup.add_argument("target", type=Path, help="a directory that does not exist")
+    command("repair", _repair, "restore damaged copies of log and files from the other copies", writes=False)
     command("status", _status, "show where the session stands", writes=False)
     export = command("export", _export, "write tables and log", writes=False)
     export.add_argument("folder", type=Path)
@@ -83,7 +97,7 @@ def add_parser(subparsers: Any) -> None:
 
     serve = command("serve", _serve, "open the page for the person at the bench", writes=False)
     serve.add_argument("--host", default="127.0.0.1", help="other than loopback needs the printed token")
-    serve.add_argument("--port", type=int, default=8765)
+    serve.add_argument("--port", type=_whole_number, default=8765)
     _add_patient(commands)
 
 
@@ -115,10 +129,23 @@ def _add_patient(commands: Any) -> None:
         step.add_argument("--dataset", type=Path, default=Path("data/spinal/stimulation.parquet"))
 
 
-def _open(arguments: argparse.Namespace) -> Session:
+def _whole_number(text: str) -> int:
+    """A whole number in plain digits; `int` would take 1_0 for 10."""
+    from hdsafebo.session.words import parse_whole_number
+
+    number = parse_whole_number(text)
+    if number is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number")
+    return number
+
+
+def _open(arguments: argparse.Namespace, *, read_only: bool = False) -> Session:
     from hdsafebo.session.session import Session
 
-    return Session.open(arguments.session)
+    session = Session.open(arguments.session, read_only=read_only)
+    for notice in session.store.notices:
+        print(f"note: {notice}; nothing is lost, the other copy holds it", file=sys.stderr)
+    return session
 
 
 def _new(arguments: argparse.Namespace) -> None:
@@ -161,9 +188,11 @@ def _approve(arguments: argparse.Namespace) -> None:
 
 
 def _modify(arguments: argparse.Namespace) -> None:
+    from hdsafebo.session.rules import open_suggestion
+
     session = _open(arguments)
-    suggestion = session.state.open_suggestion
-    point = session.space.parse(arguments.point, None if suggestion is None else suggestion.point)
+    suggestion = open_suggestion(session.state, arguments.suggestion)
+    point = session.space.parse(arguments.point, suggestion.point)
     _started(session, session.modify(arguments.who, point, arguments.reason, arguments.suggestion))
 
 
@@ -183,25 +212,26 @@ def _started(session: Session, trial: Trial) -> None:
 
 
 def _record(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.errors import RecordingError
+    from hdsafebo.session.errors import ProtocolError, RecordingError
+    from hdsafebo.session.files import read_bounded
+    from hdsafebo.session.measuring.recordings import MAX_BYTES
     from hdsafebo.session.spaces.space import Report
+    from hdsafebo.session.words import parse_assignments
 
     session = _open(arguments)
-    values: dict[str, float] = {}
-    for word in arguments.values:
-        name, equals, number = word.partition("=")
-        try:
-            values[name] = float(number)
-        except ValueError:
-            raise RecordingError(f"{word!r}: expected NAME=VALUE with a number") from None
-        if not equals:
-            raise RecordingError(f"{word!r}: expected NAME=VALUE")
+    try:
+        values = parse_assignments(arguments.values)
+    except ProtocolError as error:
+        raise RecordingError(str(error)) from None
     recording = None
     if arguments.recording is not None:
         try:
-            recording = (arguments.recording.read_bytes(), arguments.recording.name)
+            content = read_bounded(arguments.recording, MAX_BYTES)
         except OSError as error:
             raise RecordingError(f"{arguments.recording}: {error.strerror or error}") from None
+        if content is None:
+            raise RecordingError(f"{arguments.recording}: larger than the {MAX_BYTES} bytes of a recording")
+        recording = (content, arguments.recording.name)
     trial = session.record(arguments.who, Report(recording, values), arguments.trial, remark=arguments.remark)
     _recorded(session, trial)
 
@@ -222,8 +252,14 @@ def _not_delivered(arguments: argparse.Namespace) -> None:
 
 
 def _stop(arguments: argparse.Namespace) -> None:
-    _open(arguments).stop(arguments.who, arguments.reason)
-    print("the session is stopped: no trial starts until it is resumed")
+    """Stop first; whether there is a session that can be opened is asked later."""
+    from hdsafebo.session.log.stops import press
+    from hdsafebo.session.log.store import utc_now
+
+    press(arguments.session, arguments.who, arguments.reason, utc_now())
+    print("the session is stopped: no trial starts until it is resumed", flush=True)
+    if _open(arguments).store.adopt_stops():
+        print("note: the log is held by another program; the stop is written into it with the next step")
 
 
 def _resume(arguments: argparse.Namespace) -> None:
@@ -235,6 +271,28 @@ def _switch(arguments: argparse.Namespace) -> None:
     session = _open(arguments)
     session.switch_target(arguments.who, arguments.target)
     print(f"the target is {session.state.target}; {len(session.state.trials)} trials are reused")
+
+
+def _tighten(arguments: argparse.Namespace) -> None:
+    session = _open(arguments)
+    for place, before, after in session.tighten(arguments.who, arguments.definition, arguments.reason):
+        print(f"{place}: {before!r} -> {after!r}")
+    print("these limits hold from now on; steps are limited from the start values again")
+
+
+def _backup(arguments: argparse.Namespace) -> None:
+    head = _open(arguments).store.back_up(arguments.target)
+    print(f"{arguments.target}: {head.seq} entries, head {head.hash}")
+
+
+def _repair(arguments: argparse.Namespace) -> None:
+    from hdsafebo.session.log.store import Store
+
+    store = Store(arguments.session)
+    mended = [*store.notices, *store.repair()]
+    for text in dict.fromkeys(mended):
+        print(f"restored: {text}")
+    print("everything is there in two copies")
 
 
 def _note(arguments: argparse.Namespace) -> None:
@@ -284,7 +342,7 @@ def _verify(arguments: argparse.Namespace) -> None:
     verdict = (
         verify_export(path, head=arguments.head)
         if path.is_file()
-        else verify_session(_open(arguments), head=arguments.head)
+        else verify_session(_open(arguments, read_only=True), head=arguments.head)
     )
     print(f"intact: {verdict.entries} entries, {verdict.files} files, head {verdict.head}")
     for seq in verdict.clock_steps:

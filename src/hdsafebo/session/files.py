@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -43,12 +44,28 @@ def read_files(
 
 
 def _content(path: Path) -> bytes:
-    size = path.stat().st_size
-    if size > MAX_BYTES:
-        raise DefinitionError(f"{path}: {size} bytes, expected at most {MAX_BYTES}")
-    return path.read_bytes()
+    content = read_bounded(path, MAX_BYTES)
+    if content is None:
+        raise DefinitionError(f"{path}: larger than the {MAX_BYTES} bytes that a file may have")
+    return content
+
+
+def read_bounded(path: Path, most: int) -> bytes | None:
+    """Content of a file (or pipe); None when it is larger than `most` bytes, of which no more are read.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size > most:
+            return None
+        content = file.read(most + 1)
+    return content if len(content) <= most else None
 
 
 def stored_files(store: Store, files: Mapping[str, Mapping[str, str]]) -> dict[str, NamedFile]:
     """The files that a session was made with, from its store; AuditError when one was changed."""
-    return {role: NamedFile(entry["name"], store.file(entry["sha256"])) for role, entry in files.items()}
+    return {
+        role: NamedFile(entry["name"], store.attachments.content(entry["sha256"]))
+        for role, entry in files.items()
+    }

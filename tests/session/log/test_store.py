@@ -15,7 +15,7 @@ from hdsafebo.session.log.chain import read_lines, write_lines
 from hdsafebo.session.log.store import FILE_NAME
 from hdsafebo.session.session import Session
 from hdsafebo.session.views.audit import replay, verify_export, verify_session
-from tests.session.small import measured
+from tests.session.small import approve_open, measured, refuse_open
 
 Make = Callable[..., Session]
 
@@ -27,9 +27,9 @@ def worked(make_session: Make) -> Session:
     for i in range(4):
         session.suggest("ann")
         if i == 1:
-            session.refuse("bob", "no")
+            refuse_open(session, "no")
         else:
-            session.record("ann", measured(session.approve("ann")))
+            session.record("ann", measured(approve_open(session)))
     session.note("ann", "µ and ± survive")
     return session
 
@@ -82,7 +82,7 @@ def test_flipped_bytes_of_the_database_never_change_what_is_read(worked: Session
         bad[rng.integers(len(bad))] ^= int(rng.integers(1, 256))
         worked.store.path.write_bytes(bytes(bad))
         try:
-            session = Session.open(worked.store.path.parent)
+            session = Session.open(worked.store.directory)
             verify_session(session)
             assert session.store.lines() == good_lines
             session.close()
@@ -103,7 +103,7 @@ def test_changing_a_row_by_hand_is_noticed(worked: Session) -> None:
     database.commit()
     database.close()
     with pytest.raises(AuditError, match="entry 3 was changed"):
-        Session.open(worked.store.path.parent)
+        Session.open(worked.store.directory)
 
 
 def test_a_changed_file_is_noticed(worked: Session) -> None:
@@ -124,15 +124,15 @@ def test_replay_reproduces_every_suggestion_and_notices_one_that_was_not_compute
 
 def test_a_damaged_cache_is_left_aside(worked: Session) -> None:
     expected = worked.suggest("ann")
-    worked.record("ann", measured(worked.approve("ann")))
+    worked.record("ann", measured(approve_open(worked)))
     following = worked.suggest("ann").point
-    worked.refuse("ann", "no")
+    refuse_open(worked, "no")
     worked.close()
     database = sqlite3.connect(worked.store.path)
     database.execute("UPDATE cache SET content = zeroblob(length(content))")
     database.commit()
     database.close()
-    session = Session.open(worked.store.path.parent)
+    session = Session.open(worked.store.directory)
     assert session.advisor().mismatches == []
     assert session.state.suggestions[-2].point == expected.point
     assert session.state.suggestions[-1].point == following
@@ -168,7 +168,7 @@ def test_a_full_disk_loses_nothing(worked: Session) -> None:
     assert "full" in refused
     assert "nothing was recorded" in refused
     database.execute("PRAGMA max_page_count = 1000000")
-    assert Session.open(worked.store.path.parent).entries[-1] == head
+    assert Session.open(worked.store.directory).entries[-1] == head
     worked.note("ann", "space is back")
 
 
@@ -187,12 +187,12 @@ def _noter(directory: Path, number: int, done: multiprocessing.Queue) -> None:  
 def test_many_processes_write_one_log(worked: Session) -> None:
     context = multiprocessing.get_context("spawn")
     done: multiprocessing.Queue = context.Queue()  # type: ignore[type-arg]
-    workers = [context.Process(target=_noter, args=(worked.store.path.parent, i, done)) for i in range(3)]
+    workers = [context.Process(target=_noter, args=(worked.store.directory, i, done)) for i in range(3)]
     for w in workers:
         w.start()
     for w in workers:
         w.join(120)
         assert w.exitcode == 0
-    session = Session.open(worked.store.path.parent)
+    session = Session.open(worked.store.directory)
     notes = [(e.who, e.payload["text"]) for e in session.entries if e.kind == "noted" and e.who != "ann"]
     assert sorted(notes) == sorted((f"p{i}", f"note {k}") for i in range(3) for k in range(20))
