@@ -122,10 +122,10 @@ def _add_patient(commands: Any) -> None:
     respond.set_defaults(run=_patient_respond)
     month = steps.add_parser("month", help="carry a session through the paper's protocol (resumable)")
     month.add_argument("session", type=Path)
-    month.add_argument("--trials", type=int, default=504, help="further trials over all targets")
+    month.add_argument("--trials", type=_whole_number, default=504, help="further trials over all targets")
     month.set_defaults(run=_patient_month)
     for step in (setup, respond, month):
-        step.add_argument("--patient", type=int, default=0, help="which patient (a seed)")
+        step.add_argument("--patient", type=_whole_number, default=0, help="which patient (a seed)")
         step.add_argument("--dataset", type=Path, default=Path("data/spinal/stimulation.parquet"))
 
 

@@ -96,6 +96,12 @@ def _copied(directory: Path, folder: Path) -> Path:
 def _read(path: Path, source: Path) -> tuple[list[Entry], dict[str, bytes], tuple[int, bytes, bytes] | None]:
     """Entries, files by digest, and the cached states with the number of the last entry they know."""
     lost = _frames_after_damage(path.with_name(f"{FILE_NAME}-wal"))
+    if lost:
+        raise AuditError(
+            f"{source}-wal: damaged: {lost} frames cannot be read, and the steps in them may be lost. Restore "
+            f"{source.name} and {source.name}-wal from a backup. To go on with the steps before the damage, "
+            f"keep copies of both and run: sqlite3 {source.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+        )
     try:
         database = sqlite3.connect(path)
         try:
@@ -110,12 +116,6 @@ def _read(path: Path, source: Path) -> tuple[list[Entry], dict[str, bytes], tupl
         raise AuditError(f"{source}: damaged: {error}") from None
     if found != "ok":
         raise AuditError(f"{source}: damaged: {found}")
-    if lost:
-        raise AuditError(
-            f"{source}-wal: damaged: {lost} frames cannot be read, and what was recorded behind entry "
-            f"{len(entries)} may be lost. Restore both files from a backup; to go on with the {len(entries)} "
-            f"entries that are whole, move {source.name}-wal away"
-        )
     return entries, files, cached
 
 

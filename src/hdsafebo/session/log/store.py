@@ -94,6 +94,7 @@ class Store:
         self._head: Entry | None = None
         self._end = 0  # bytes of the original up to the head
         self._unread: list[Entry] = []
+        self._pressed: set[str] = set()  # tokens of the stops that are in the log
         self._mended: list[str] = []  # damage that is mended and not yet in the log
         with self._explained("read"):
             if former:
@@ -190,6 +191,9 @@ class Store:
         with suppress(SessionError), self._explained("written"), self._exclusive(wait_s):
             self._settle()
             for stop in pending(self.directory):
+                if stop.token in self._pressed:  # a writer was killed before it removed the file
+                    stop.path.unlink()
+                    continue
                 facts = {"reason": stop.reason, "pressed": stop.token, "at": stop.time}
                 self._write(stop.who, "stopped", facts)
                 stop.path.unlink()
@@ -264,9 +268,14 @@ class Store:
         self._accept_all(reading)
 
     def _accept(self, entry: Entry, length: int) -> None:
-        self._head = entry
         self._end += length
-        self._unread.append(entry)
+        self._notice([entry])
+
+    def _notice(self, entries: list[Entry]) -> None:
+        """New entries are there."""
+        self._unread += entries
+        self._head = entries[-1] if entries else self._head
+        self._pressed |= {e.payload.get("pressed", "") for e in entries if e.kind == "stopped"}
 
     def _accept_all(self, reading: Reading) -> None:
         """Take in a whole log; AuditError when it is not the one that was read before, or longer."""
@@ -276,8 +285,7 @@ class Store:
                 f"{self.directory}: the log is gone, cut or replaced: entry {known}, which was read before, "
                 "is not there any more; nothing was recorded"
             )
-        self._unread += reading.entries[known:]
-        self._head = reading.entries[-1] if reading.entries else None
+        self._notice(reading.entries[known:])
         self._end = len(write_rows(reading.entries))
 
     # --- writing; all of it needs the lock
