@@ -171,11 +171,13 @@ def test_scores_and_recordings_are_checked_and_the_session_goes_on(clinic: Clini
     done = session.record("ann", Report(recording, good))
     assert done.safety == {"score": min(good.values())}
     session.manual("ann", session.space.parse("1- 2+ at 0.05 mA", None))
-    unlabelled = response.recording.split(b"time_s")[1]
-    session.record("ann", Report((b"time_s" + unlabelled, "again.csv"), good))
-    session.manual("ann", session.space.parse("1- 2+ at 0.05 mA", None))
-    with pytest.raises(RecordingError, match="belongs to trial 134 already"):
-        session.record("ann", Report((b"time_s" + unlabelled, "again.csv"), good))
+    unlabelled = b"time_s" + response.recording.split(b"time_s")[1]
+    for content in (unlabelled, b"# a remark: 1\n" + unlabelled, unlabelled + b"\n"):
+        with pytest.raises(RecordingError, match="belongs to trial 133 already"):
+            session.record("ann", Report((content, "again.csv"), good))
+    again = session.record("ann", Report((b"# a remark: 1\n" + unlabelled, "again.csv"), good), done.number)
+    assert again == done  # the same samples for the same trial: recorded already
+    session.record("ann", Report(values=good))
 
 
 def test_a_missing_recording_keeps_the_scores(clinic: Clinic) -> None:
