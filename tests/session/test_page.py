@@ -214,7 +214,8 @@ def test_a_stop_that_others_resume_is_over_here_too(bench: Served) -> None:
 
 
 @pytest.mark.parametrize(
-    "values", ["[NaN, 0.5, 0]", "[null, 0.5, 0]", "[]", '["0.5", 0.5, 0]', "[1e400, 0.5, 0]", "[true, 0.5, 0]"]
+    "values",
+    ["[NaN, 0.5, 0]", "[null, 0.5, 0]", "[]", '["0.5", 0.5, 0]', "[1e400, 0.5, 0]", "[true, 0.5, 0]"],
 )
 def test_a_look_at_no_inputs_is_answered_without_a_belief(bench: Served, values: str) -> None:
     code, result = bench.post("look", b'{"point": {"values": ' + values.encode() + b"}}")

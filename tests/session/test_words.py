@@ -23,10 +23,9 @@ from hdsafebo.session.words import (
     trimmed_text,
 )
 
-NO_NUMBERS = [
-    "", " ", "1_200", "1 200", "1,5", "0x10", "nan", "inf", "-inf", "infinity", "1e999", "٣", "½", "1e", "--1",
-    "0.1mA", "0.1mA5", "1.2.3", "e5", ".", "+", "1\n", " 1",
-]  # fmt: skip
+NO_NUMBERS = ["", " ", "1_200", "1 200", "1,5", "0x10", "nan", "inf", "-inf", "infinity", "1e999", "٣", "½"]
+NO_NUMBERS += ["1e", "--1", "0.1mA", "0.1mA5", "1.2.3", "e5", ".", "+", "1\n", " 1"]
+HIDDEN = ["\x00", "\x1b", "\x9b", "\u202e", "\u2066", "\u200b", "\ufeff", "\u2028", "\ud800"]
 
 
 @pytest.mark.parametrize("text", NO_NUMBERS)
@@ -44,7 +43,7 @@ def test_every_number_that_python_writes_is_read_back(number: float) -> None:
 
 
 def test_a_name_that_is_given_twice_is_refused_at_every_entrance() -> None:
-    with pytest.raises(ProtocolError, match="a is given twice, 0.5 before"):
+    with pytest.raises(ProtocolError, match=r"a is given twice, 0\.5 before"):
         parse_assignments(["a=0.5", "b=1", "a=0.6"])
     for text in ('{"a": 1, "a": 2}', '{"x": {"a": 1, "a": 1}}', "[NaN]", "[Infinity]", "[" * 100_000, "{"):
         with pytest.raises(ProtocolError, match="every name once"):
@@ -74,9 +73,7 @@ def test_what_is_taken_can_be_shown_in_one_line(text: str) -> None:
     assert 0 < len(name) <= 100
 
 
-@pytest.mark.parametrize(
-    "hidden", ["\x00", "\x1b", "\x9b", "\u202e", "\u2066", "\u200b", "\ufeff", "\u2028", "\ud800"]
-)
+@pytest.mark.parametrize("hidden", HIDDEN)
 def test_characters_that_nobody_sees_are_refused_and_written_out(hidden: str) -> None:
     for check in (checked_name, lambda t: checked_text(t, "note")):
         with pytest.raises(ProtocolError, match="control characters"):

@@ -93,8 +93,7 @@ def test_what_a_killed_program_left_in_the_write_ahead_log_is_converted_or_said_
         try:
             session = Session.open(copy)
             assert [e.hash for e in session.entries[:-1]] == [h for _, _, h in rows]
-        except AuditError as error:
-            assert "damaged" in str(error)
+        except AuditError:
             assert not (copy / "original" / "audit.log").exists()
             noticed += 1
     assert noticed > 25

@@ -98,9 +98,9 @@ def _read(path: Path, source: Path) -> tuple[list[Entry], dict[str, bytes], tupl
     lost = _frames_after_damage(path.with_name(f"{FILE_NAME}-wal"))
     if lost:
         raise AuditError(
-            f"{source}-wal: damaged: {lost} frames cannot be read, and the steps in them may be lost. Restore "
-            f"{source.name} and {source.name}-wal from a backup. To go on with the steps before the damage, "
-            f"keep copies of both and run: sqlite3 {source.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+            f"{source}-wal: damaged: {lost} frames cannot be read, and the steps in them may be lost. "
+            f"Restore {source.name} and {source.name}-wal from a backup. To go on with the steps before the "
+            f"damage, keep copies of both and run: sqlite3 {source.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
         )
     try:
         database = sqlite3.connect(path)
