@@ -68,7 +68,7 @@ def require_tighter(present: Definition, wanted: Definition) -> list[Change]:
 
 
 def require_same_limits(source: str, present: dict[str, Any]) -> None:
-    """Nothing, while a session file draws no limit tighter than in force; one that does must be applied first.
+    """Nothing, while a session file draws no limit tighter than in force; else it must be applied first.
 
     A file that is gone, unreadable, or of another session (another name or kind) says nothing, and wider
     limits in it have no effect.
