@@ -21,7 +21,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hdsafebo.errors import JournalError
-from hdsafebo.files.durable import append_durably, locked, make_durable_directory, sync_directory
+from hdsafebo.files.atomic import sync_directory
+from hdsafebo.files.durable import append_durably, locked, make_durable_directory
 
 _DIGEST_LENGTH = 64
 _START = "0" * _DIGEST_LENGTH

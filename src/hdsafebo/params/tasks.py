@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from hdsafebo.params.base import Block, Count, Positive
+from hdsafebo.params.base import Block, Count, MethodSettings, Positive
 
 
 class Budget(Block):
@@ -39,6 +39,20 @@ class Budget(Block):
         return range(self.first_seed, self.first_seed + self.seeds_of.get(method, self.seeds))
 
 
+class Task(Block):
+    """What every family of tasks has.
+
+    Attributes:
+        budget: how much is evaluated.
+        methods: which run.
+        settings: of methods on these tasks, beyond what is set for them on all tasks.
+    """
+
+    budget: Budget
+    methods: list[str]
+    settings: dict[str, MethodSettings] = {}
+
+
 class SyntheticProblem(Block):
     """Objective and safety drawn from Gaussian processes (paper, section 5.1 and appendix)."""
 
@@ -60,12 +74,10 @@ class SyntheticProblem(Block):
         return self
 
 
-class SyntheticTask(Block):
+class SyntheticTask(Task):
     """The synthetic task and the methods that run on it."""
 
     problem: SyntheticProblem = SyntheticProblem()
-    budget: Budget
-    methods: list[str]
 
 
 HandSafety = Literal["landing_speed", "no_drop", "handling_speed"]
@@ -89,12 +101,10 @@ class HandProblem(Block):
     directions: Count = 12
 
 
-class HandTask(Block):
+class HandTask(Task):
     """The hand task and the methods that run on it."""
 
     problem: HandProblem = HandProblem()
-    budget: Budget
-    methods: list[str]
 
 
 class ScsProblem(Block):
@@ -111,13 +121,11 @@ class ScsProblem(Block):
     side: Literal["left", "right"] = "left"
 
 
-class ScsTask(Block):
+class ScsTask(Task):
     """The stimulation tasks, one per target muscle (`scs_st`, `scs_ga`, ...)."""
 
     problem: ScsProblem = ScsProblem()
-    budget: Budget
     tasks: list[Literal["scs_il", "scs_vlrf", "scs_ta", "scs_bfgm", "scs_st", "scs_ga"]]
-    methods: list[str]
 
 
 class DigitsProblem(Block):
@@ -135,13 +143,11 @@ class DigitsProblem(Block):
     threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
 
 
-class DigitsTask(Block):
+class DigitsTask(Task):
     """The ten tasks `digits_0` ... `digits_9` and the methods that run on them."""
 
     problem: DigitsProblem = DigitsProblem()
-    budget: Budget
     tasks: list[Annotated[str, Field(pattern=r"^digits_[0-9]$")]]
-    methods: list[str]
 
 
 class Tasks(Block):

@@ -31,7 +31,6 @@ from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.session.advice.informed import informed_optimiser, results_of
 from hdsafebo.session.advice.methods import load_method
 from hdsafebo.session.advice.search import Search
-from hdsafebo.session.advice.shortlist import HdSafeBOShortlist
 from hdsafebo.session.definition import Definition, parse_definition
 from hdsafebo.session.log.chain import Entry
 from hdsafebo.session.log.state import Point, State, Trial
@@ -216,14 +215,13 @@ class Advisor:
             int(entropy.generate_state(1)[0]),
             self.state.trials,
             before=self._optimiser,
+            today=self.state.pauses,
         )
-        if isinstance(self._optimiser, HdSafeBOShortlist):
-            self._optimiser.today = self.state.pauses
 
     def _begin_day(self) -> None:
         """Trials from now on are of the present day."""
-        if isinstance(self._optimiser, HdSafeBOShortlist):
-            self._optimiser.days, self._optimiser.today = self._optimiser.days, self.state.pauses
+        if self._optimiser is not None:
+            self._optimiser.begin_day(self.state.pauses)
 
     def _learn(self, trial: Trial) -> None:
         optimiser = self._require()
@@ -255,9 +253,7 @@ class Advisor:
         optimiser = self._require()
         inputs = optimiser.kernel_inputs(trials)
         surrogate = optimiser.surrogate
-        mean, deviation = surrogate.objective.predict(inputs)
-        if isinstance(optimiser, HdSafeBOShortlist):
-            mean, deviation = optimiser.scale.shown(mean, deviation)
+        mean, deviation = optimiser.in_units(*surrogate.objective.predict(inputs))
         safety_mean, safety_deviation = surrogate.predict_safety(inputs)
         names = [s.name for s in self.search.space.safety]
         return {

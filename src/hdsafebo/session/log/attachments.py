@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from hdsafebo.files.atomic import replacing
-from hdsafebo.files.durable import make_durable_directory, sync_directory
+from hdsafebo.files.durable import make_durable_directory
 from hdsafebo.session.errors import AuditError
 
 MAX_BYTES = 2**30
@@ -82,4 +82,3 @@ def _write(path: Path, content: bytes) -> None:
     make_durable_directory(path.parent)
     with replacing(path) as temporary:
         temporary.write_bytes(content)
-    sync_directory(path.parent)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from hdsafebo.files.atomic import WriteError, replacing
-from hdsafebo.files.durable import make_durable_directory, sync_directory
+from hdsafebo.files.durable import make_durable_directory
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.attachments import Attachments
 from hdsafebo.session.log.chain import Entry, write_rows
@@ -63,4 +63,3 @@ def replace_log(path: Path, content: bytes, *, keep: bool) -> None:
         path.rename(path.with_name(f"{path.name}.damaged-{number}"))
     with replacing(path) as temporary:
         temporary.write_bytes(content)
-    sync_directory(path.parent)

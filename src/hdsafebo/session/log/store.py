@@ -20,8 +20,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from hdsafebo.files.atomic import WriteError
-from hdsafebo.files.durable import append_durably, locked, make_durable_directory, sync_directory
+from hdsafebo.files.atomic import WriteError, sync_directory
+from hdsafebo.files.durable import append_durably, locked, make_durable_directory
 from hdsafebo.session.errors import AuditError, ProtocolError, SessionError
 from hdsafebo.session.log.chain import (
     MAX_ENTRY_BYTES,

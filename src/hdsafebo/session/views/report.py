@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hdsafebo.files.atomic import replacing
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.state import Trial
 from hdsafebo.session.session import DISCLAIMER, Session
@@ -54,10 +55,8 @@ def write_report(session: Session, path: Path) -> Path:
         _all_trials(session),
     )
     head = raw('<meta charset="utf-8">') + tag("title", name) + raw(f"<style>{_STYLE}</style>")
-    try:
-        path.write_text(f'<!doctype html><html lang="en">{head}{body}</html>\n', encoding="utf-8")
-    except OSError as error:
-        raise SessionError(f"{path}: cannot be written: {error.strerror or error}") from None
+    with replacing(path, SessionError) as temporary:
+        temporary.write_text(f'<!doctype html><html lang="en">{head}{body}</html>\n', encoding="utf-8")
     return path
 
 
