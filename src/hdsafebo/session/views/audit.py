@@ -62,11 +62,12 @@ def verify_export(path: Path, *, head: str | None = None) -> Verdict:
         entries = read_log(path)
     except OSError as error:
         raise AuditError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if entries:
-        try:
-            check_rules(entries)
-        except SessionError as error:
-            raise AuditError(f"{path}: {error}") from None
+    if not entries:
+        raise AuditError(f"{path}: the log is empty")
+    try:
+        check_rules(entries)
+    except SessionError as error:
+        raise AuditError(f"{path}: {error}") from None
     return _verdict(entries, len(referenced(entries)), head)
 
 
@@ -110,8 +111,6 @@ def replay(session: Session, on_entry: Callable[[Entry], None] = lambda entry: N
 
 
 def _verdict(entries: list[Entry], files: int, head: str | None) -> Verdict:
-    if not entries:
-        raise AuditError("the log is empty")
     if head is not None and head not in [e.hash for e in entries]:
         raise AuditError(f"no entry has the noted hash {head[:12]}...: the log was cut or replaced")
     steps = [b.seq for a, b in pairwise(entries) if b.time < a.time]
