@@ -71,7 +71,6 @@ class Toy(Optimizer):
     name = "toy"
     Settings = ToySettings
     settings: ToySettings
-    consults_model = False
     step = 1.0
 
     def propose(self, n: int) -> Proposal:

@@ -244,7 +244,7 @@ class _Run:
 
     def _facts(self) -> dict[str, Any]:
         kind = type(self.optimizer)
-        beta = self.optimizer.settings.confidence if kind.consults_model else None
+        beta = self.optimizer.model_settings.confidence if kind.consults_model else None
         return {
             "safety_names": [s.name for s in self.problem.safety],
             "thresholds": [s.threshold for s in self.problem.safety],

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from hdsafebo.files.bounded import read_bounded
 from hdsafebo.session.definition import Definition, ListDefinition
 from hdsafebo.session.errors import DefinitionError
 from hdsafebo.session.log.store import Store
+from hdsafebo.session.measuring.tables import MAX_BYTES as MAX_TABLE_BYTES
 
-MAX_BYTES = 2**30  # of an embedding; tables have lower limits of their own
 INITIAL, EMBEDDING, EMBEDDING_CARD, CANDIDATES = "initial", "embedding", "embedding_card", "candidates"
+_LIMITS = {
+    INITIAL: MAX_TABLE_BYTES,
+    CANDIDATES: MAX_TABLE_BYTES,
+    EMBEDDING: 2**30,
+    EMBEDDING_CARD: 2**20,
+}
 
 
 class NamedFile(NamedTuple):
@@ -37,30 +43,10 @@ def read_files(
         paths |= {EMBEDDING: embedding, EMBEDDING_CARD: embedding.with_suffix(".json")}
     if isinstance(definition, ListDefinition):
         paths[CANDIDATES] = definition_path.parent / definition.candidates
-    try:
-        return {role: NamedFile(path.name, _content(path)) for role, path in paths.items()}
-    except OSError as error:
-        raise DefinitionError(f"{error.filename}: {error.strerror or error}") from None
-
-
-def _content(path: Path) -> bytes:
-    content = read_bounded(path, MAX_BYTES)
-    if content is None:
-        raise DefinitionError(f"{path}: larger than the {MAX_BYTES} bytes that a file may have")
-    return content
-
-
-def read_bounded(path: Path, most: int) -> bytes | None:
-    """Content of a file (or pipe); None when it is larger than `most` bytes, of which no more are read.
-
-    Raises:
-        OSError: it cannot be read.
-    """
-    with path.open("rb") as file:
-        if os.fstat(file.fileno()).st_size > most:
-            return None
-        content = file.read(most + 1)
-    return content if len(content) <= most else None
+    return {
+        role: NamedFile(path.name, read_bounded(path, _LIMITS[role], DefinitionError))
+        for role, path in paths.items()
+    }
 
 
 def stored_files(store: Store, files: Mapping[str, Mapping[str, str]]) -> dict[str, NamedFile]:

@@ -40,7 +40,6 @@ from hdsafebo.typing import IntArray
 _DECISIONS = ("approved", "modified", "refused")
 _EXPIRING = ("suggested", "manual", "target_switched", "stopped", "tightened")
 _one_thread = threadpool_limits.wrap(limits=1)  # the order of sums, and so the last digit, depends on threads
-_PROPOSALS = 10  # tried for one that is still believed safe after it was moved to what can be evaluated
 
 
 @dataclass(frozen=True)
@@ -158,17 +157,7 @@ class Advisor:
         self._require_rows_left(optimiser, forbidden)
         nothing = np.empty((len(forbidden), 0))
         elsewhere = Trials.pending(nothing, nothing, 1, candidate=forbidden)
-        for _ in range(_PROPOSALS):
-            trials = optimiser.ask(1, pending=elsewhere)
-            if len(trials) == 0:
-                break
-            inputs = optimiser.kernel_inputs(trials)
-            if (
-                trials.marked_unsafe[0]
-                or optimiser.surrogate.believed_safe(inputs, optimiser.settings.confidence)[0]
-            ):
-                return trials
-        raise NoSafePointError(f"{optimiser.name} believes nothing safe that the limits permit now")
+        return optimiser.ask(1, pending=elsewhere)
 
     def _require_rows_left(self, optimiser: Optimizer, forbidden: IntArray) -> None:
         """NoSafePointError when a finite set has no row left to suggest."""
