@@ -96,5 +96,5 @@ def test_the_command_line_has_no_reader_of_numbers_of_its_own() -> None:
     readers = [n.value for n in ast.walk(tree) if isinstance(n, ast.keyword) and n.arg == "type"]
     called = [n.func for n in ast.walk(tree) if isinstance(n, ast.Call)]
     names = {n.id for n in [*readers, *called] if isinstance(n, ast.Name)}
-    assert "_whole_number" in names
+    assert "whole_number" in names
     assert not {"int", "float", "complex", "eval"} & names

@@ -8,7 +8,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdsafebo.session.patient.commands import add_patient_commands
 from hdsafebo.session.stream_option import ASK, add_stream_options, asked_values, recorded_stream
+from hdsafebo.session.words import whole_number
 
 if TYPE_CHECKING:
     from hdsafebo.session.log.state import Trial
@@ -51,7 +53,7 @@ def add_parser(subparsers: Any) -> None:
     for step in (approve, modify, refuse):
         step.add_argument(
             "--suggestion",
-            type=_whole_number,
+            type=whole_number,
             required=True,
             help="number of the suggestion that you have seen",
         )
@@ -71,7 +73,7 @@ def add_parser(subparsers: Any) -> None:
     record.add_argument("--remark", default="")
     lost = command("not-delivered", _not_delivered, "close the running trial: nothing was delivered")
     for step in (record, lost):
-        step.add_argument("--trial", type=_whole_number, required=True, help="its number")
+        step.add_argument("--trial", type=whole_number, required=True, help="its number")
     stop = command("stop", _stop, "let no trial start until resume")
     stop.add_argument("--reason", default="stop")
     for step in (modify, refuse, lost):
@@ -103,8 +105,8 @@ def add_parser(subparsers: Any) -> None:
 
     serve = command("serve", _serve, "open the page for the person at the bench", writes=False)
     serve.add_argument("--host", default="127.0.0.1", help="other than loopback needs the printed token")
-    serve.add_argument("--port", type=_whole_number, default=8765)
-    _add_patient(commands)
+    serve.add_argument("--port", type=whole_number, default=8765)
+    add_patient_commands(commands)
 
 
 def _user() -> str:
@@ -113,36 +115,6 @@ def _user() -> str:
         return getpass.getuser()
     except (OSError, KeyError):
         return ""
-
-
-def _add_patient(commands: Any) -> None:
-    """The simulated patient."""
-    patient = commands.add_parser("patient", help="a simulated patient, for trying a session out")
-    steps = patient.add_subparsers(required=True, metavar="STEP")
-    setup = steps.add_parser("setup", help="write session.yaml and initial.csv")
-    setup.add_argument("folder", type=Path)
-    setup.set_defaults(run=_patient_setup)
-    respond = steps.add_parser("respond", help="respond to the running trial: a recording and scores")
-    respond.add_argument("session", type=Path)
-    respond.add_argument("--folder", type=Path, default=Path(), help="where to write the recording")
-    respond.set_defaults(run=_patient_respond)
-    month = steps.add_parser("month", help="carry a session through the paper's protocol (resumable)")
-    month.add_argument("session", type=Path)
-    month.add_argument("--trials", type=_whole_number, default=504, help="further trials over all targets")
-    month.set_defaults(run=_patient_month)
-    for step in (setup, respond, month):
-        step.add_argument("--patient", type=_whole_number, default=0, help="which patient (a seed)")
-        step.add_argument("--dataset", type=Path, default=Path("data/spinal/stimulation.parquet"))
-
-
-def _whole_number(text: str) -> int:
-    """A whole number in plain digits; `int` would take 1_0 for 10."""
-    from hdsafebo.session.words import parse_whole_number
-
-    number = parse_whole_number(text)
-    if number is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number")
-    return number
 
 
 def _open(arguments: argparse.Namespace, *, read_only: bool = False) -> Session:
@@ -370,45 +342,3 @@ def _serve(arguments: argparse.Namespace) -> None:
     from hdsafebo.session.web.server import serve
 
     serve(arguments.session, arguments.host, arguments.port)
-
-
-def _patient_setup(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.patient.month import write_example
-    from hdsafebo.session.patient.responses import load_responses
-
-    for path in write_example(arguments.folder, load_responses(arguments.dataset), arguments.patient):
-        print(path)
-
-
-def _patient_respond(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.patient.month import answer, simulated_patient
-    from hdsafebo.session.patient.responses import load_responses
-
-    session = _open(arguments)
-    patient = simulated_patient(session, load_responses(arguments.dataset), arguments.patient)
-    number, response = answer(session, patient)
-    if response.recording is None:
-        print("the recording went missing")
-    else:
-        path = arguments.folder / f"trial{number}.csv"
-        path.write_bytes(response.recording)
-        print(path)
-    print(" ".join(f"{rater}={score:g}" for rater, score in response.scores.items()))
-
-
-def _patient_month(arguments: argparse.Namespace) -> None:
-    from hdsafebo.progress import progress
-    from hdsafebo.session.patient.month import run_month, simulated_patient
-    from hdsafebo.session.patient.month_result import evaluate_month
-    from hdsafebo.session.patient.responses import load_responses
-
-    session = _open(arguments)
-    patient = simulated_patient(session, load_responses(arguments.dataset), arguments.patient)
-    with progress(arguments.trials, "trials") as advance:
-        run_month(session, patient, trials=arguments.trials, on_trial=lambda trial: advance())
-    result = evaluate_month(session, patient)
-    print(f"{result.recommended} recommended, {result.unsafe} of them rated unsafe")
-    print(f"{result.breaches} trials outside the hard limits")
-    for muscle, final in result.final_best.items():
-        before, most = result.initial_best[muscle], result.reachable[muscle]
-        print(f"  {muscle}: true selectivity {before:.3f} -> {final:.3f}, {most:.3f} within the priors")

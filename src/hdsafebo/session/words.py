@@ -70,6 +70,14 @@ def parse_whole_number(text: str) -> int | None:
     return int(text) if _WHOLE.fullmatch(text) else None
 
 
+def whole_number(text: str) -> int:
+    """As `parse_whole_number`, for the command line; ValueError when the text is none."""
+    number = parse_whole_number(text)
+    if number is None:
+        raise ValueError(text)
+    return number
+
+
 def parse_assignments(words: list[str]) -> dict[str, float]:
     """`NAME=VALUE` words as numbers by name.
 
