@@ -101,7 +101,9 @@ _MODULES = {
     "Study": "hdsafebo.system.study",
 }
 _MODULES |= dict.fromkeys(("load_optimizer", "make_optimizer"), "hdsafebo.optimizers.registry")
-_MODULES |= dict.fromkeys((name for name in __all__ if name.endswith(("Error", "Warning"))), "hdsafebo.errors")
+_MODULES |= dict.fromkeys(
+    (name for name in __all__ if name.endswith(("Error", "Warning"))), "hdsafebo.errors"
+)
 _MODULES |= dict.fromkeys(("FunctionProblem", "Problem", "Safety"), "hdsafebo.problem")
 _MODULES |= dict.fromkeys(("Evaluation", "Status", "Trials"), "hdsafebo.trials")
 _MODULES |= dict.fromkeys(("Limit", "Objective"), "hdsafebo.system.outcomes")
