@@ -57,7 +57,7 @@ class RunResult:
 
 
 def run(spec: RunSpec) -> RunResult:
-    """Compute a run, or what is missing of it.
+    """Compute a run, or the rounds that its journal lacks.
 
     Raises:
         JournalError: its files are damaged, cannot be written, or are not reproduced.
@@ -220,11 +220,11 @@ class _Run:
         raise JournalError(
             f"{self.journal.directory}: {what} the journal holds for trials {trials.id[0]} to "
             f"{trials.id[-1]}: another machine or library computes other bits; continue where the run "
-            "was begun, or remove this directory to compute it again"
+            "was begun, or remove this directory to compute the run again"
         )
 
     def _save_state_sometimes(self) -> None:
-        """Save the state when that takes a small share of the time since it was saved last."""
+        """Save the state when saving takes a small share of the time since the last save."""
         if time.monotonic() - self._state_time < self._state_seconds / _STATE_SHARE:
             return
         start = time.monotonic()
