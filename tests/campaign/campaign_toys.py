@@ -77,7 +77,7 @@ class Toy(Optimizer):
         if len(self.trials) >= self.settings.abstain_after:
             raise NoSafePointError("the toy has seen enough")
         best = self.best()
-        centre = np.full(3, 0.5) if best is None else self.space.to_unit(best.z)[0]
+        centre = np.full(3, 0.5) if best is None else self.space.to_unit(best.z[None])[0]
         points = np.clip(centre + self.step * self.rng.normal(size=(n, 3)), 0, 1)
         return Proposal(points, trust_region_length=self.step)
 

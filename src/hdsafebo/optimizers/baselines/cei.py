@@ -90,7 +90,7 @@ class CeiProb(Optimizer):
         """(n, d) points, each given the believed outcomes of those before it."""
         d = self.space.dimension
         feasible = self.best()
-        best = None if feasible is None else float(feasible.objective[0])
+        best = None if feasible is None else float(feasible.objective)
         for point in self._waiting():
             processes, best = _believing(processes, point, best)
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]]), 0.0, 1.0)
@@ -138,7 +138,7 @@ class Cei(CeiProb):
         """The best feasible outcome; without one a value below all that was observed, as in BoTorch."""
         best = self.best()
         if best is not None:
-            return float(best.objective[0])
+            return float(best.objective)
         observed = self.trials.objective[self.trials.completed]
         return float(observed.min() - (observed.max() - observed.min() or 1.0))
 
