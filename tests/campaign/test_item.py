@@ -25,7 +25,8 @@ from campaign_items import (
 from hdsafebo.campaign.item import run_path
 from hdsafebo.errors import DatasetError, JournalError, ParamsError
 from hdsafebo.runs.read import read_run
-from hdsafebo.runs.write import TIMES, Rows, RunMetadata, write_run_file
+from hdsafebo.runs.schema import TIMES, Rows, RunMetadata
+from hdsafebo.runs.write import write_run_file
 
 
 @pytest.fixture(autouse=True)
@@ -100,6 +101,18 @@ def test_the_file_is_what_the_report_reads(tmp_path: Path) -> None:
     assert meta.optimum is None, "it differs between the seeds"
     assert len(run.trials) == 120
     assert (run.trials.groupby(["seed", "round"])[list(TIMES)].nunique() == 1).all(axis=None)
+
+
+@pytest.mark.usefixtures("_here")
+def test_one_algorithm_searches_either_space_under_two_names(tmp_path: Path) -> None:
+    compute(tmp_path, seeds=1)
+    compute(tmp_path, seeds=1, method="toy_inputs")
+    latent, original = (read_run(run_path("synthetic", name, tmp_path)) for name in ("toy", "toy_inputs"))
+    assert (latent.meta.algorithm, latent.meta.space, latent.meta.dimension) == ("toy", "latent", 3)
+    assert (original.meta.algorithm, original.meta.space, original.meta.dimension) == ("toy", "original", 6)
+    assert (latent.meta.method, original.meta.method) == ("toy", "toy_inputs")
+    first = [run.trials[run.trials["initial"]]["objective"].to_numpy() for run in (latent, original)]
+    np.testing.assert_array_equal(*first, err_msg="the initial trials are those of the task")
 
 
 @pytest.mark.usefixtures("_here")

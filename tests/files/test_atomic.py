@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from hdsafebo.errors import DatasetError
 from hdsafebo.files.atomic import WriteError, replacing
 
 
@@ -82,3 +83,15 @@ def test_many_threads_write_one_file(tmp_path: Path) -> None:
         list(pool.map(lambda text: write(path, text), texts * 5))
     assert path.read_text() in texts
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_error_is_the_callers_with_path_reason_and_advice(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    path = tmp_path / "file" / "a.txt"
+    with (
+        pytest.raises(DatasetError, match=r"file/a\.txt: cannot be written: .*; the runs are kept"),
+        replacing(path, DatasetError, advice="the runs are kept"),
+    ):
+        pass
+    with pytest.raises(WriteError, match="cannot be written"):
+        write(path, "text")

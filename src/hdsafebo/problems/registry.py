@@ -12,8 +12,6 @@ from hdsafebo.params import Params
 from hdsafebo.problem import Codec, Problem
 from hdsafebo.typing import FloatArray
 
-ORIGINAL_SUFFIX = "_original"
-
 
 @dataclass(frozen=True)
 class Task:

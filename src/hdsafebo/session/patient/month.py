@@ -235,5 +235,6 @@ def _bipolar_pairs() -> list[list[int]]:
 def _mu_cells(response: Response, definition: StimulationDefinition) -> list[str]:
     if response.recording is None:
         return [""] * len(definition.emg.muscles)
-    mu = activation(read_recording(response.recording, "initial.csv"), definition.emg)
+    emg = definition.emg
+    mu = activation(read_recording(response.recording, "initial.csv", emg), emg)
     return [f"{value:.6g}" for value in mu]
