@@ -264,9 +264,10 @@ def _evaluation_of(entry: Round, problem: Problem) -> Evaluation:
 
 
 def _fill_rounds(algorithm: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings with which a method that could abstain does not: methods are compared at equal numbers of trials.
+    """Settings with which a method that could abstain does not.
 
-    A trial that was not believed safe is marked, and counts as what it turns out to be.
+    Methods are compared at equal numbers of trials: one that was not believed safe is marked, and counts as
+    what it turns out to be.
     """
     kind, fixed = method_class(algorithm)
     needs_safe_trial = (
