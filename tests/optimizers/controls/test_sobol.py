@@ -33,7 +33,7 @@ def test_rows_are_drawn_uniformly() -> None:
 def test_local_steps_have_every_scale_around_the_best_safe_point() -> None:
     optimizer = LocalRandom(bowl_problem(), seed=0)
     observe_initial(optimizer)
-    centre = optimizer.best().x[0]
+    centre = optimizer.best().x
     steps = np.linalg.norm(optimizer.ask(400).x - centre, axis=1) / 2.0  # sqrt(d) = 2
     assert np.quantile(steps, 0.1) < 0.01
     assert np.quantile(steps, 0.9) > 0.1

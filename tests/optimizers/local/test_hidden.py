@@ -33,7 +33,7 @@ def test_they_are_searched() -> None:
     assert (first.predicted_safe_probability[~first.marked_unsafe] >= 0.977 - 1e-6).all()
     optimizer.tell(first, *optimizer.problem.function(first.x))
     run_rounds(optimizer, 10, 10)
-    assert abs(optimizer.best().x[0, 2:].sum() - 1.2) < 0.05
+    assert abs(optimizer.best().x[2:].sum() - 1.2) < 0.05
 
 
 def test_centre_is_a_mean_of_the_best_feasible_trials(centres: list[FloatArray]) -> None:
