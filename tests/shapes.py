@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from beartype import BeartypeConf, beartype
+import numpy as np
+from beartype import BeartypeConf, BeartypeHintOverrides, beartype
 from jaxtyping import install_import_hook
 
 PACKAGES = ("hdsafebo.gp", "hdsafebo.search")
 
-check = beartype(conf=BeartypeConf(is_pep484_tower=True))
-"""Of each call; a whole number is a float, too."""
+_NUMBERS = BeartypeHintOverrides(
+    {bool: bool | np.bool_, int: int | np.integer, float: float | int | np.integer | np.floating}
+)
+check = beartype(conf=BeartypeConf(hint_overrides=_NUMBERS))
+"""Of each call; NumPy's own numbers are numbers, and a whole number is a float, too."""
 
 
 def check_shapes() -> None:

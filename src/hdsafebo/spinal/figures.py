@@ -86,7 +86,9 @@ def potential_figure(field: LeadField, polarity: NDArray[np.int8], current: floa
     reach = np.geomspace(1e-3, 1, 25) * np.abs(values).max()
     levels = np.concatenate([-reach[::-1], reach])
     scale = SymLogNorm(reach[0], vmin=levels[0], vmax=levels[-1])
-    filled = axes.tricontourf(x, y, field.triangles.T, values, levels=levels, cmap="RdBu_r", norm=scale)
+    filled = axes.tricontourf(
+        Triangulation(x, y, field.triangles.T), values, levels=levels, cmap="RdBu_r", norm=scale
+    )
     for index in range(len(field.tissues)):
         inside = field.tissue == index
         outline = _outline(field.triangles[:, inside])
