@@ -72,6 +72,7 @@ class Safety:
             )
 
 
+@runtime_checkable
 class Codec(Protocol):
     """What an optimiser needs of an embedding."""
 

@@ -110,7 +110,7 @@ def test_line_13_success(rule: str, objective, safety, status, success: bool) ->
 
 
 def test_first_safe_point_is_an_improvement() -> None:
-    optimizer = HdSafeBO(bowl_problem(threshold=10.0), batch_success="improved")
+    optimizer = HdSafeBO(bowl_problem(threshold=10.0), batch_success="improved", empty_safe_set="mark")
     observe_initial(optimizer)
     trials = optimizer.ask(1)
     optimizer.tell(trials, [-5.0], [11.0])

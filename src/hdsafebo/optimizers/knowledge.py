@@ -29,7 +29,7 @@ from hdsafebo.optimizers.settings import (
 )
 from hdsafebo.problem import Codec, ContextualSet, Problem, check_problem
 from hdsafebo.search.space import SearchSpace
-from hdsafebo.trials import Trials
+from hdsafebo.trials import Trial, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
 S = TypeVar("S", bound=OptimizerSettings)
@@ -191,10 +191,10 @@ class Knowledge(ABC, Generic[S]):
         """(n,) True for completed trials whose every safety value meets its threshold."""
         return self._ledger.feasible
 
-    def best(self) -> Trials | None:
-        """The feasible trial with the highest objective, as a table of one row; None when there is none."""
+    def best(self) -> Trial | None:
+        """The feasible trial with the highest objective; None when there is none."""
         row = self._ledger.best_row(self.feasible)
-        return None if row is None else self.trials[[row]]
+        return None if row is None else self.trials.one(row)
 
     def centre_row(self) -> int:
         """Row of x* of Algorithm 1, the best feasible trial; without one, that of the least violation.
