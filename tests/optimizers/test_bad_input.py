@@ -245,7 +245,7 @@ def test_batch_larger_than_the_safe_candidates(method) -> None:
     ],
 )
 def test_ill_natured_data(method, x, objective, safety) -> None:
-    made = method(bowl_problem())
+    made = method(bowl_problem(), empty_safe_set="mark")
     made.observe(x, objective, safety, initial=True)
     for _ in range(3):
         trials = made.ask(3)
