@@ -10,7 +10,15 @@ Arrays in, arrays out:
 
     FunctionProblem, Problem, Safety, Evaluation   what is optimised
     HdSafeBOLocal, HdSafeBO, make_optimizer        methods: ask, tell, observe, save, load
+    Optimizer, load_optimizer                      any method, and one that was saved
     Trials, Status                                 tables of trials
+
+Trials with a person in the loop:
+
+    create_session, Session                        see `hdsafebo session --help`
+
+What is raised on purpose is a `HdSafeBOError`: `NoSafePointError`, `ParamsError`, `ProblemError`,
+`StateFileError`, `SurrogateError`, `TrialError`, `UnknownNameError`.
 """
 
 from __future__ import annotations
@@ -22,10 +30,24 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from hdsafebo import plots
+    from hdsafebo.errors import (
+        HdSafeBOError,
+        NoSafePointError,
+        OptimisticWarning,
+        ParamsError,
+        ProblemError,
+        StateFileError,
+        SurrogateError,
+        TrialError,
+        UnknownNameError,
+    )
+    from hdsafebo.optimizers.base import Optimizer
     from hdsafebo.optimizers.hdsafebo import HdSafeBO
     from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
-    from hdsafebo.optimizers.registry import make_optimizer
+    from hdsafebo.optimizers.registry import load_optimizer, make_optimizer
     from hdsafebo.problem import FunctionProblem, Problem, Safety
+    from hdsafebo.session.create import create_session
+    from hdsafebo.session.session import Session
     from hdsafebo.system.constraints import Linear
     from hdsafebo.system.description import System
     from hdsafebo.system.outcomes import Limit, Objective
@@ -39,18 +61,31 @@ __all__ = [
     "Fixed",
     "FunctionProblem",
     "HdSafeBO",
+    "HdSafeBOError",
     "HdSafeBOLocal",
     "Integer",
     "Limit",
     "Linear",
+    "NoSafePointError",
     "Objective",
+    "OptimisticWarning",
+    "Optimizer",
+    "ParamsError",
     "Problem",
+    "ProblemError",
     "Real",
     "Safety",
+    "Session",
+    "StateFileError",
     "Status",
     "Study",
+    "SurrogateError",
     "System",
+    "TrialError",
     "Trials",
+    "UnknownNameError",
+    "create_session",
+    "load_optimizer",
     "make_optimizer",
     "plots",
 ]
@@ -58,11 +93,17 @@ __all__ = [
 _MODULES = {
     "HdSafeBO": "hdsafebo.optimizers.hdsafebo",
     "HdSafeBOLocal": "hdsafebo.optimizers.local.optimizer",
-    "make_optimizer": "hdsafebo.optimizers.registry",
+    "Optimizer": "hdsafebo.optimizers.base",
+    "Session": "hdsafebo.session.session",
+    "create_session": "hdsafebo.session.create",
     "Linear": "hdsafebo.system.constraints",
     "System": "hdsafebo.system.description",
     "Study": "hdsafebo.system.study",
 }
+_MODULES |= dict.fromkeys(("load_optimizer", "make_optimizer"), "hdsafebo.optimizers.registry")
+_MODULES |= dict.fromkeys(
+    (name for name in __all__ if name.endswith(("Error", "Warning"))), "hdsafebo.errors"
+)
 _MODULES |= dict.fromkeys(("FunctionProblem", "Problem", "Safety"), "hdsafebo.problem")
 _MODULES |= dict.fromkeys(("Evaluation", "Status", "Trials"), "hdsafebo.trials")
 _MODULES |= dict.fromkeys(("Limit", "Objective"), "hdsafebo.system.outcomes")

@@ -6,6 +6,7 @@ run at once. Every job computes with one BLAS and one torch thread: sums in anot
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import sys
@@ -21,6 +22,7 @@ from hdsafebo.campaign.errors import CampaignError
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+_LOG = logging.getLogger(__name__)
 _POLL_S = 0.5
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -86,7 +88,7 @@ def _in_processes(
     watcher: Watcher,
     workers: int,
 ) -> None:
-    """Run on a pool; what a dying worker takes with it is submitted once more to a new pool."""
+    """Run on a pool; jobs that a dying worker takes along are submitted once more, to a new pool."""
     lost = list(items)
     for attempt in ("first", "second"):
         with _one_thread_each(), _pool(min(workers, len(lost))) as pool:
@@ -94,11 +96,10 @@ def _in_processes(
         if not lost:
             return
         if attempt == "first":
-            print(
-                f"NOTICE: a worker process died (killed, or out of memory); {len(lost)} unfinished runs "
-                "continue from their journals in new processes",
-                file=sys.stderr,
-                flush=True,
+            _LOG.warning(
+                "NOTICE: a worker process died (killed, or out of memory); %d unfinished runs continue from "
+                "their journals in new processes",
+                len(lost),
             )
     raise CampaignError(
         f"worker processes died twice (killed, or out of memory) with {len(lost)} runs unfinished; "
@@ -114,7 +115,7 @@ def _pool(workers: int) -> ProcessPoolExecutor:
 def _end_with_parent() -> None:
     """Let this worker end when the process that started it is gone, even if that was killed.
 
-    It would otherwise go on beside the run's next start.
+    A worker left behind would compute the same run beside the next start.
     """
     parent = multiprocessing.parent_process()
 

@@ -42,8 +42,9 @@ class RunSpec:
         method: name of the method's block in the parameters.
         seed: of the problem, the initial trials and the method.
         params: the whole of `params.yaml` as plain data.
-        root: directory below which files of the task and the journal lie.
+        root: directory below which files of the task lie.
         progress: directory for signs of life, shared by the runs of a campaign.
+        home: directory below which the journal lies; None takes the root.
     """
 
     task: str
@@ -52,6 +53,7 @@ class RunSpec:
     params: Mapping[str, Any]
     root: str
     progress: str
+    home: str | None = None
 
     @property
     def name(self) -> str:
@@ -60,8 +62,8 @@ class RunSpec:
 
     @property
     def journal(self) -> Path:
-        """Directory of all journals; no output of the pipeline, which deletes those before a stage runs."""
-        return Path(self.root) / ".journal"
+        """Directory of all journals; no output of a stage: DVC deletes outputs before a stage runs."""
+        return Path(self.home or self.root) / ".journal"
 
     def checked_params(self) -> Params:
         """The parameters as a model."""
@@ -91,7 +93,7 @@ def budget_of(params: Params, task: str) -> Budget:
 
 
 def settings_of(params: Params, task: str, method: str) -> MethodSettings:
-    """Settings of a method on a task: those on all tasks, and those of the task's family."""
+    """Settings of a method on a task: those for all tasks, then those for the family of the task."""
     family = getattr(params.tasks, family_of(task))
     return params.methods[method].settings | family.settings.get(method, {})
 

@@ -57,7 +57,7 @@ class RunResult:
 
 
 def run(spec: RunSpec) -> RunResult:
-    """Compute a run, or what is missing of it.
+    """Compute a run, or the rounds that its journal lacks.
 
     Raises:
         JournalError: its files are damaged, cannot be written, or are not reproduced.
@@ -89,6 +89,7 @@ class _Run:
         self.initial, self.candidate = self.problem.initial(self.budget.initial, spec.initial_rng())
         latent = method.space == "latent" and task.embedding is not None
         embedding = task.embedding(self.initial) if latent and task.embedding is not None else None
+        settings = settings_of(params, spec.task, spec.method)
         self.space: Space = "latent" if latent else "original"
         state = journal.state
         self.saved_rounds = 0 if state is None else state[0] + 1
@@ -100,7 +101,7 @@ class _Run:
                 embedding=embedding,
                 seed=spec.method_seed(),
                 bounds=task.latent_bounds if latent else None,
-                **_fill_rounds(method.algorithm, settings_of(params, spec.task, spec.method)),
+                **(_fill_rounds(method.algorithm, settings) | settings),
             )
         else:
             self.optimizer = load_optimizer(method.algorithm, state[1], self.problem, embedding)
@@ -219,11 +220,11 @@ class _Run:
         raise JournalError(
             f"{self.journal.directory}: {what} the journal holds for trials {trials.id[0]} to "
             f"{trials.id[-1]}: another machine or library computes other bits; continue where the run "
-            "was begun, or remove this directory to compute it again"
+            "was begun, or remove this directory to compute the run again"
         )
 
     def _save_state_sometimes(self) -> None:
-        """Save the state when that takes a small share of the time since it was saved last."""
+        """Save the state when saving takes a small share of the time since the last save."""
         if time.monotonic() - self._state_time < self._state_seconds / _STATE_SHARE:
             return
         start = time.monotonic()
@@ -263,14 +264,13 @@ def _evaluation_of(entry: Round, problem: Problem) -> Evaluation:
     return Evaluation(entry.rows["objective"], safety, entry.rows["status"] == "failed")
 
 
-def _fill_rounds(algorithm: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings with which a method that could abstain does not.
+def _fill_rounds(method: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """Setting of a method that could abstain and must not: methods are compared at equal numbers of trials.
 
-    Methods are compared at equal numbers of trials: one that was not believed safe is marked, and counts as
-    what it turns out to be.
+    A trial that was not believed safe is marked, and counts as what it turns out to be.
     """
-    kind, fixed = method_class(algorithm)
+    kind, fixed = method_class(method)
     needs_safe_trial = (
         issubclass(kind.Settings, CentreSettings) and (fixed | settings).get("start") != "centre"
     )
-    return ({"empty_safe_set": "mark"} if needs_safe_trial else {}) | settings
+    return {"empty_safe_set": "mark"} if needs_safe_trial else {}

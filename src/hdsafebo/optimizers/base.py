@@ -7,34 +7,16 @@ predicted for, the point that will really be evaluated.
 
 from __future__ import annotations
 
-import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from threading import RLock
-from typing import Any, ClassVar, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from hdsafebo.errors import NoSafePointError, OptimisticWarning, TrialError
-from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior
-from hdsafebo.gp.safe_set import alpha_of
-from hdsafebo.gp.surrogate import (
-    DistanceCache,
-    Surrogate,
-    SurrogateState,
-    fit_surrogate,
-    modelled_safety,
-    modelled_thresholds,
-    with_completion,
-)
-from hdsafebo.optimizers.core.contexts import check_able, checked_context, in_context, novel_beta
-from hdsafebo.optimizers.core.fits import FitCounts, Fits
-from hdsafebo.optimizers.core.ledger import Ledger
-from hdsafebo.optimizers.core.nearest_trials import rows_near_best
+from hdsafebo.errors import NoSafePointError, TrialError
+from hdsafebo.optimizers.core.contexts import checked_context
 from hdsafebo.optimizers.core.persistence import load_optimizer, save_optimizer
 from hdsafebo.optimizers.core.proposal import Proposal, candidates_left, encode, realise
 from hdsafebo.optimizers.core.results import (
@@ -43,28 +25,23 @@ from hdsafebo.optimizers.core.results import (
     check_results,
     check_rows,
     check_within,
+    run_instead,
 )
 from hdsafebo.optimizers.core.transaction import all_or_nothing, one_at_a_time
-from hdsafebo.optimizers.settings import (
-    CentreSettings,
-    ModelSettings,
-    OptimizerSettings,
-    SafeSetSettings,
-    check_settings,
-    constructor_signature,
-)
-from hdsafebo.problem import Codec, ContextualSet, Problem, check_problem
-from hdsafebo.search.space import SearchSpace
-from hdsafebo.trials import Status, Trial, Trials
-from hdsafebo.typing import FloatArray, IntArray
+from hdsafebo.optimizers.knowledge import Knowledge
+from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.problem import Codec, Problem
+from hdsafebo.trials import Trials
+from hdsafebo.typing import IntArray
 
+S = TypeVar("S", bound=OptimizerSettings)
 _FEW_TRIALS = 8
 """Trials that tell whether kernel inputs are codes."""
 _ATTEMPTS = 20
 """Proposals after which a method abstains when none of them is believed safe where it would be evaluated."""
 
 
-class Optimizer(ABC):
+class Optimizer(Knowledge[S]):
     """Proposes trials (`ask`) and learns from their results (`tell`).
 
     Several threads may use one optimiser: calls that change it wait for each other. A call that fails or is
@@ -76,7 +53,8 @@ class Optimizer(ABC):
         seed: of the optimiser's random generator.
         bounds: (2, d) box of codes that is searched. None takes the limits of the codes of the initial trials
             (paper, appendix), or the problem's own bounds when there is no embedding.
-        settings: settings of the method by name; see `Settings`.
+        settings: an instance of the method's `Settings`; None takes the defaults, or the keywords.
+        keywords: settings of the method by name, in place of `settings`.
 
     Attributes:
         name: name of the method.
@@ -86,7 +64,10 @@ class Optimizer(ABC):
         uses_initial_data: False for methods that ask for initial trials of their own.
         holds_contexts: True for methods that choose and judge points under the contexts of the moment: they
             pass what they choose from through `space.pinned`, or leave the context columns alone.
+        searches_codes: False for methods that bring an embedding of their own: they leave embedding and
+            bounds aside, and search the problem's box.
         settings: the checked settings.
+        codec: the embedding that was handed in, whether the method searches its codes or not.
         rng: the only source of randomness.
         round: number of rounds asked so far.
         elsewhere: rows of the candidate set that are under evaluation elsewhere.
@@ -95,142 +76,6 @@ class Optimizer(ABC):
         ProblemError: the problem or the box is ill-posed.
         ParamsError: a setting is unknown, of the wrong type or out of range.
     """
-
-    name: ClassVar[str]
-    Settings: ClassVar[type[OptimizerSettings]] = OptimizerSettings
-    consults_model: ClassVar[bool] = False
-    uses_initial_data: ClassVar[bool] = True
-    holds_contexts: ClassVar[bool] = False
-
-    def __init_subclass__(cls) -> None:
-        cls.consults_model = issubclass(cls.Settings, ModelSettings)
-        cls.__signature__ = constructor_signature(Optimizer.__init__, cls.Settings)  # type: ignore[attr-defined]
-
-    def __init__(
-        self,
-        problem: Problem,
-        *,
-        embedding: Codec | None = None,
-        seed: int = 0,
-        bounds: ArrayLike | None = None,
-        **settings: Any,
-    ) -> None:
-        check_problem(problem)
-        check_able(self.name, self.holds_contexts, problem, embedding)
-        self.problem = problem
-        self.embedding = embedding
-        self.settings = check_settings(type(self).Settings, self.name, settings)
-        self._say_what_is_promised()
-        self.rng = np.random.default_rng(seed)
-        self.round = 0
-        self._space: SearchSpace | None = None
-        if bounds is not None or embedding is None:
-            self._space = self.make_space(problem.bounds if bounds is None else np.asarray(bounds, float))
-        self._context = np.zeros(len(problem.contexts))
-        self._ledger = Ledger(
-            problem, problem.bounds.shape[1] if self._space is None else self._space.dimension
-        )
-        self.elsewhere: IntArray = np.empty(0, np.int64)
-        self._fits = Fits()
-        self._lock: AbstractContextManager[bool] = RLock()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name != "_lock"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._lock = RLock()  # a copy is used on its own
-
-    def _say_what_is_promised(self) -> None:
-        """Warn where a default promises less than an even chance of being safe, unless it was chosen."""
-        settings = self.settings
-        if not isinstance(settings, SafeSetSettings) or settings.model_fields_set & {"alpha", "beta"}:
-            return
-        promised = alpha_of(settings.confidence)
-        if promised < 0.5:
-            warnings.warn(
-                f"{self.name} takes beta = {settings.confidence:g}, as published, which promises each trial "
-                f"a safe probability of {promised:.2g} and no more; pass alpha (such as 0.95), or beta to "
-                "choose it, or use hdsafebo_local",
-                OptimisticWarning,
-                stacklevel=4,
-            )
-
-    # --- what a method provides
-
-    @abstractmethod
-    def propose(self, n: int) -> Proposal:
-        """Choose up to n points from what is known (`surrogate`, `trials`, `rng`).
-
-        Raises:
-            NoSafePointError: the method abstains.
-        """
-
-    def finish_round(self, trials: Trials) -> None:  # noqa: B027 (a method may have nothing to learn)
-        """Learn from a round whose results are all known now; they are in `self.trials`, too."""
-
-    def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """What the method remembers beyond trials, generator and fits: plain data, and arrays by name."""
-        return {}, {}
-
-    def restore_method_state(  # noqa: B027 (a method may have nothing to remember)
-        self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]
-    ) -> None:
-        """Take back what `method_state` gave."""
-
-    def kernel_inputs(self, trials: Trials) -> FloatArray:
-        """(n, p) what the kernel measures distances between, for the points of `trials`."""
-        return self.space.kernel_inputs(self.space.to_unit(trials.z))
-
-    def begin_day(  # noqa: B027 (a method may know of no drift)
-        self, day: int, earlier: IntArray | None = None
-    ) -> None:
-        """Trials from now on are of another day, between which outcomes drift.
-
-        Args:
-            day: number of the day.
-            earlier: (n,) days of all trials so far; None keeps what is known of them.
-        """
-
-    def in_units(self, mean: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(k,) predictions of the objective's model, mean and deviation, in units of the objective."""
-        return mean, deviation
-
-    def believe(self, trials: Trials) -> tuple[FloatArray, FloatArray]:
-        """(n,) safe probabilities and (n,) violation bounds of the points of `trials`, not yet evaluated.
-
-        The bound is NaN when a safety function is modelled through a transform: it would have its units.
-        """
-        unknown = np.full(len(trials), np.nan)
-        if not self.consults_model:
-            return unknown, unknown
-        inputs = self.kernel_inputs(trials)
-        transformed = any(s.modelled and s.transform is not None for s in self.problem.safety)
-        beta = self.model_settings.confidence
-        bound = unknown if transformed else self.surrogate.violation_bound(inputs, beta)
-        return self.surrogate.safe_probability(inputs), bound
-
-    @property
-    def confidence(self) -> float:
-        """The beta of the safe set."""
-        return self.promised_beta
-
-    @property
-    def promised_beta(self) -> float:
-        """The beta that was set, lowered under contexts that few trials have reached."""
-        beta = self.model_settings.confidence
-        return novel_beta(beta, self.trials, self.problem.contexts, self._context)
-
-    def keeps_promise(self, trials: Trials) -> NDArray[np.bool_]:
-        """(n,) True for trials that are in the method's safe set where they will be evaluated.
-
-        Methods without a safe set promise nothing.
-        """
-        if not (self.consults_model and isinstance(self.settings, CentreSettings)):
-            return np.ones(len(trials), bool)
-        return self.surrogate.believed_safe(self.kernel_inputs(trials), self.confidence)
-
-    # --- ask, tell, observe
 
     @all_or_nothing
     def ask(self, n: int = 1, *, pending: Trials | None = None, context: ArrayLike | None = None) -> Trials:
@@ -254,7 +99,7 @@ class Optimizer(ABC):
         """
         if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
             raise TrialError(f"n is {n!r}; expected a whole number of trials, at least 1")
-        self._hold(context)
+        self.hold(checked_context(self.problem, context))
         self.elsewhere = np.empty(0, np.int64) if pending is None else pending.candidate
         if candidates_left(self.problem, self.taken) == 0:
             total = len(self.taken)
@@ -354,160 +199,7 @@ class Optimizer(ABC):
         self._fits.forget()
         return trials
 
-    # --- what is known
-
-    @property
-    def trials(self) -> Trials:
-        """Everything proposed and observed so far, in the order of the ids."""
-        return self._ledger.trials
-
-    @property
-    def feasible(self) -> NDArray[np.bool_]:
-        """(n,) True for completed trials whose every safety value meets its threshold."""
-        return self._ledger.feasible
-
-    def best(self) -> Trial | None:
-        """The feasible trial with the highest objective; None when there is none."""
-        row = self._ledger.best_row(self.feasible)
-        return None if row is None else self.trials.one(row)
-
-    def centre_row(self) -> int:
-        """Row of x* of Algorithm 1, the best feasible trial; without one, that of the least violation.
-
-        Raises:
-            NoSafePointError: no trial is completed, or none is feasible and `empty_safe_set` is "abstain".
-        """
-        if not self.trials.completed.any():
-            raise NoSafePointError(
-                f"{self.name} has no completed trial to start from; "
-                "report initial data with observe(..., initial=True)"
-            )
-        row = self._best_in_context() if self.problem.contexts else self._ledger.best_row(self.feasible)
-        if row is None and self._abstains:
-            raise NoSafePointError(
-                f"none of the {int(self.trials.completed.sum())} completed trials meets "
-                f"{self._ledger.describe_thresholds()}; report a safe trial, or set empty_safe_set to 'mark'"
-            )
-        return self._ledger.least_violation_row() if row is None else row
-
-    @property
-    def space(self) -> SearchSpace:
-        """The box that is searched; fixed by the initial trials when no bounds were given.
-
-        Raises:
-            NoSafePointError: no bounds were given and nothing has been observed.
-        """
-        if self._space is None:
-            trials = self.trials
-            if len(trials) == 0:
-                raise NoSafePointError(
-                    f"{self.name} has neither bounds nor initial trials to take them from; "
-                    "pass bounds, or report initial data with observe(..., initial=True)"
-                )
-            z = trials.z[trials.initial] if trials.initial.any() else trials.z
-            self._space = self.make_space(np.stack([z.min(axis=0), z.max(axis=0)]))
-        return self._space
-
-    def make_space(self, bounds: FloatArray) -> SearchSpace:
-        """A search space over the given box, with this optimiser's kernel metric."""
-        isotropic = self.model_settings.isotropic
-        return SearchSpace(
-            bounds,
-            isotropic=self.embedding is not None if isotropic is None else isotropic,
-            land=self.problem.land if self.problem.lands else None,
-        )
-
-    @property
-    def taken(self) -> IntArray:
-        """Rows of the candidate set that were proposed or evaluated, or are under evaluation elsewhere.
-
-        Under other contexts a row is another input.
-        """
-        columns = list(self.problem.contexts)
-        same = (self.trials.x[:, columns] == self._context).all(axis=1)
-        rows = np.concatenate([self.trials.candidate[same], self.elsewhere])
-        return np.unique(rows[rows >= 0])
-
-    def refit(self) -> None:
-        """Fit the surrogate anew when it is next needed: what it is fitted to has changed."""
-        self._fits.forget()
-
-    @property
-    def model_settings(self) -> ModelSettings:
-        """Settings of the Gaussian processes; their defaults for a method that does not consult them."""
-        return self.settings if isinstance(self.settings, ModelSettings) else ModelSettings()
-
-    @property
-    @one_at_a_time
-    def surrogate(self) -> Surrogate:
-        """Gaussian processes fitted to the completed trials; reading it does not change later proposals.
-
-        Raises:
-            NoSafePointError: there is no completed trial.
-            SurrogateError: no process could be fitted.
-        """
-        return self._fits.current(self._fit)
-
-    def _fit(self, start: SurrogateState | None, cache: DistanceCache) -> Surrogate:
-        rows = self.rows_to_fit()
-        if len(rows) == 0:
-            raise NoSafePointError(f"{self.name} has no completed trial to fit; report data with observe")
-        trials, settings = self.trials[rows], self.model_settings
-        objective = self.outcomes_to_fit(rows)
-        surrogate = fit_surrogate(
-            self.kernel_inputs(trials),
-            objective,
-            modelled_safety(self.problem.safety, trials.safety),
-            modelled_thresholds(self.problem.safety),
-            start=start,
-            cache=cache,
-            limits=LengthScaleLimits(settings.shortest_length_scale, settings.longest_length_scale),
-            noise=self.noise_prior,
-            refine=self.refines(),
-            known_noise=self._known_noise(trials, np.array_equal(objective, trials.objective)),
-        )
-        failed = self.trials[self.trials.status == Status.FAILED]
-        if not self.problem.failures_teach or len(failed) == 0:
-            return surrogate
-        inputs = np.concatenate([surrogate.inputs, self.kernel_inputs(failed)])
-        return with_completion(surrogate, inputs, start)
-
-    def _known_noise(self, trials: Trials, in_units: bool) -> FloatArray:
-        """(n, 1 + m') known standard deviations of the objective and the modelled safety functions.
-
-        Args:
-            trials: that are fitted.
-            in_units: the objective is modelled in its own units, which are those of its noise.
-        """
-        noise = trials.noise.copy()
-        if self.problem.noise is not None:
-            noise = np.where(np.isnan(noise), self.problem.noise, noise)
-        if not in_units:
-            noise[:, 0] = np.nan
-        modelled = [j + 1 for j, s in enumerate(self.problem.safety) if s.modelled]
-        return noise[:, [0, *modelled]]
-
-    @property
-    def noise_prior(self) -> NoisePrior:
-        """What is known beforehand of the noise of all functions."""
-        return NoisePrior()
-
-    def refines(self) -> bool:
-        """Whether a fit searches hyper-parameters, or keeps those of the fit before."""
-        return True
-
-    def outcomes_to_fit(self, rows: IntArray) -> FloatArray:
-        """(k,) what the objective's process is fitted to, of the completed trials `rows`."""
-        return self.trials.objective[rows]
-
-    def rows_to_fit(self) -> IntArray:
-        """Rows of the completed trials that the surrogate is fitted to: all, or those near the best."""
-        return rows_near_best(self._ledger, self.kernel_inputs, self.model_settings.max_fitted_trials)
-
-    @property
-    def fit_counts(self) -> FitCounts:
-        """Fits that rounds were asked with so far, and how many of them were in numerical trouble."""
-        return self._fits.counts
+    # --- model, save and load
 
     @property
     def model(self) -> Any:
@@ -528,8 +220,6 @@ class Optimizer(ABC):
         inputs, plain = self.kernel_inputs(some), Optimizer.kernel_inputs(self, some)
         return inputs.shape == plain.shape and np.array_equal(inputs, plain)
 
-    # --- save and load
-
     @one_at_a_time
     def save(self, path: str | Path) -> None:
         """Write the whole state to one file, atomically; what `load` returns goes on as this optimiser would.
@@ -548,63 +238,7 @@ class Optimizer(ABC):
         """
         return load_optimizer(cls, Path(path), problem, embedding)
 
-    def in_context(self, trials: Trials) -> Trials:
-        """The same trials as they would be under the contexts of the last `ask`."""
-        return in_context(self.problem, trials, self._context)
-
-    def _best_in_context(self) -> int | None:
-        """Row of the feasible trial that is believed best under the contexts of the last `ask`.
-
-        An outcome under other contexts says little of today's: of the trials believed safe today the one of
-        the highest posterior mean counts; where none is, the most probably safe one.
-        """
-        rows = np.flatnonzero(self.feasible)
-        if len(rows) == 0:
-            return None
-        inputs = self.kernel_inputs(self.in_context(self.trials[rows]))
-        safe = self.surrogate.believed_safe(inputs, self.confidence)
-        if not safe.any():
-            return int(rows[np.argmax(self.surrogate.safe_probability(inputs))])
-        mean = self.surrogate.objective.predict_mean(inputs)
-        return int(rows[np.argmax(np.where(safe, mean, -np.inf))])
-
-    def _hold(self, context: ArrayLike | None) -> None:
-        """Take the contexts of the next trials as known."""
-        self._context = checked_context(self.problem, context)
-        if self.problem.contexts:
-            self.space.hold(self.problem.contexts, self._context)
-        if isinstance(self.problem.candidates, ContextualSet):
-            self.problem.candidates.hold(self._context)
-
-    def _run_instead(self, ids: IntArray, x: ArrayLike) -> Trials:
-        """The trials `ids` with the inputs that were really run, and what was believed of those."""
-        points = check_points("x", x, self.problem.bounds.shape[1])
-        if len(points) != len(ids):
-            raise TrialError(f"x has {len(points)} rows; expected {len(ids)}, one per trial")
-        check_within(self.problem, points)
-        asked = self.trials[ids]
-        other = (points != asked.x).any(axis=1)
-        run = replace(
-            asked,
-            x=points,
-            z=np.where(other[:, None], encode(self.embedding, points), asked.z),
-            candidate=np.where(other, -1, asked.candidate),
-        )
-        if not other.any() or not self.trials.completed.any():
-            return run
-        probability, bound = self.believe(run)
-        kept = asked.predicted_safe_probability
-        return replace(
-            run,
-            predicted_safe_probability=np.where(other, probability, kept),
-            violation_bound=np.where(other, bound, asked.violation_bound),
-        )
-
     # --- from a proposal to trials
-
-    @property
-    def _abstains(self) -> bool:
-        return isinstance(self.settings, CentreSettings) and self.settings.empty_safe_set == "abstain"
 
     def _next_trials(self, n: int) -> Trials:
         """Trials of a proposal, each believed safe where it will be evaluated, or marked, or left out.
@@ -642,3 +276,17 @@ class Optimizer(ABC):
         )
         probability, bound = self.believe(trials)
         return replace(trials, predicted_safe_probability=probability, violation_bound=bound)
+
+    def _run_instead(self, ids: IntArray, x: ArrayLike) -> Trials:
+        """The trials `ids` with the inputs that were really run, and what was believed of those."""
+        asked = self.trials[ids]
+        run = run_instead(self.problem, self.embedding, asked, x)
+        other = (run.x != asked.x).any(axis=1)
+        if not other.any() or not self.trials.completed.any():
+            return run
+        probability, bound = self.believe(run)
+        return replace(
+            run,
+            predicted_safe_probability=np.where(other, probability, asked.predicted_safe_probability),
+            violation_bound=np.where(other, bound, asked.violation_bound),
+        )

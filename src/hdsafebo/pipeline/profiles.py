@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from hdsafebo.errors import ParamsError, UnknownNameError
 from hdsafebo.files.atomic import replacing
-from hdsafebo.files.yaml import read_mapping
+from hdsafebo.files.yaml import parse_mapping, read_mapping
 from hdsafebo.pipeline.checked_params import parse_checked_params
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def profile_text(root: Path, name: str) -> str:
     """The text of `params.yaml` under a profile: the standard one with the profile's changes, checked.
 
     Raises:
-        UnknownNameError: there is no such profile; the message lists the names.
+        UnknownNameError: no profile has that name; the message lists the names.
         ParamsError: a profile cannot be read, or the result is not valid.
     """
     import io
@@ -44,7 +44,8 @@ def profile_text(root: Path, name: str) -> str:
     buffer = io.StringIO()
     yaml.dump(merged, buffer)
     text = buffer.getvalue()
-    parse_checked_params(YAML(typ="safe").load(text), source=f"profiles/{name}.yaml")
+    source = f"profiles/{name}.yaml"
+    parse_checked_params(parse_mapping(text, source, ParamsError), source=source)
     return text
 
 
@@ -61,7 +62,7 @@ def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
 
     Raises:
         ParamsError: `params.yaml` differs from every profile, so that changes would be lost.
-        WriteError: it cannot be written; it is still as it was.
+        WriteError: `params.yaml` cannot be written, and is unchanged.
     """
     target = root / "params.yaml"
     text = profile_text(root, name)
@@ -80,16 +81,9 @@ def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
 
 
 def _with_comments(yaml: YAML, path: Path) -> Any:
-    """A profile as ruamel holds it, with comments and formats, once it is known to be plain data."""
-    from ruamel.yaml import YAMLError
-
+    """A profile with its comments and formats, after a check that the file holds plain data only."""
     read_mapping(path, ParamsError)
-    try:
-        return yaml.load(path.read_bytes())
-    except (YAMLError, ValueError) as error:  # it reads YAML 1.2, where a few things differ
-        raise ParamsError(
-            f"{path}: cannot be read as YAML 1.2: {' '.join(str(error).split())[:300]}"
-        ) from None
+    return yaml.load(path.read_bytes())
 
 
 def _merge(base: Any, changes: Any) -> None:

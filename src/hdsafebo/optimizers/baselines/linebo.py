@@ -24,7 +24,7 @@ class LineBOSettings(SafeSetSettings):
     candidates: int = Field(default=500, ge=1)
 
 
-class LineBO(Optimizer):
+class LineBO(Optimizer[LineBOSettings]):
     """Random-line Bayesian optimisation (Kirschner, Mutny, Hiller, Ischebeck and Krause, ICML 2019).
 
     Their algorithm 1 with the random oracle; each one-dimensional problem is one round. Its safe set is
@@ -41,7 +41,6 @@ class LineBO(Optimizer):
     name = "linebo"
     holds_contexts = True
     Settings = LineBOSettings
-    settings: LineBOSettings
 
     def propose(self, n: int) -> Proposal:
         """n points of one line."""

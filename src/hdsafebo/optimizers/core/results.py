@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from hdsafebo.errors import TrialError
 from hdsafebo.gp.surrogate import apply_transform
 from hdsafebo.optimizers.core.numbers import as_columns, as_integers, as_numbers, check_same_labels
-from hdsafebo.problem import Problem
-from hdsafebo.trials import Status
+from hdsafebo.optimizers.core.proposal import encode
+from hdsafebo.problem import Codec, Problem
+from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
 _SLACK = 1e-6
@@ -205,3 +206,22 @@ def _check_transforms(problem: Problem, safety: FloatArray) -> None:
                 f"{safety[bad[0], j]} and {threshold} of the threshold {function.threshold}; expected an "
                 "increasing function, finite for every value that is told"
             )
+
+
+def run_instead(problem: Problem, embedding: Codec | None, asked: Trials, x: ArrayLike) -> Trials:
+    """Asked trials with the (n, D) inputs that were really run, their codes, and no row where they differ.
+
+    Raises:
+        TrialError: as `check_points`, or another number of inputs.
+    """
+    points = check_points("x", x, problem.bounds.shape[1])
+    if len(points) != len(asked):
+        raise TrialError(f"x has {len(points)} rows; expected {len(asked)}, one per trial")
+    check_within(problem, points)
+    other = (points != asked.x).any(axis=1)
+    return replace(
+        asked,
+        x=points,
+        z=np.where(other[:, None], encode(embedding, points), asked.z),
+        candidate=np.where(other, -1, asked.candidate),
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import asdict
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,10 +153,12 @@ CENTRES = 100
 """So many of the best trials may be the centre."""
 
 
-class SearchingOptimizer(Optimizer):
+S = TypeVar("S", bound=SafeSetSettings)
+
+
+class SearchingOptimizer(Optimizer[S]):
     """An optimiser that leaves choosing, and what the model sees, to a search."""
 
-    settings: SafeSetSettings
     _search: LocalSearch | None = None
 
     @abstractmethod

@@ -19,7 +19,7 @@ from hdsafebo.search.metric import kernel_metric
 from hdsafebo.trials import Trials
 
 
-class HdSafeBOLocal(SearchingOptimizer):
+class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
     """Local variant of HdSafeBO.
 
     Raises:
@@ -30,10 +30,9 @@ class HdSafeBOLocal(SearchingOptimizer):
     name = "hdsafebo_local"
     holds_contexts = True
     Settings = HdSafeBOLocalSettings
-    settings: HdSafeBOLocalSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """Refuse settings of a part that the problem does not use."""
         if self.settings.restarts is not None and not self._continuous:
             raise ParamsError(
                 f"method {self.name!r}: setting 'restarts' is of continuous spaces; {self.problem.name!r} "
