@@ -241,7 +241,7 @@ def test_batch_larger_than_the_safe_candidates(method) -> None:
         (np.random.default_rng(0).random((30, 4)), np.append(np.zeros(29), 1e12), np.ones(30)),
         (np.random.default_rng(0).random((30, 4)), np.zeros(30), np.append(np.ones(29), -1e12)),
         (np.random.default_rng(0).random((30, 4)) * 1e-9, np.arange(30.0), np.ones(30)),
-        (np.vstack([np.full((5, 4), 0.5), np.ones((1, 4))]), np.arange(6.0), np.ones(6)),  # one far from equal ones
+        (np.vstack([np.full((5, 4), 0.5), np.ones((1, 4))]), np.arange(6.0), np.ones(6)),
     ],
 )
 def test_ill_natured_data(method, x, objective, safety) -> None:
