@@ -59,9 +59,7 @@ class MLflowCallback:
                 "best_safe": best.loc[trial],
             }
             metrics += [
-                Metric(_metric_name(n), float(v), 0, trial)
-                for n, v in values.items()
-                if math.isfinite(v)
+                Metric(_metric_name(n), float(v), 0, trial) for n, v in values.items() if math.isfinite(v)
             ]
         for first in range(0, len(metrics), _MOST):
             self._client.log_batch(run.info.run_id, metrics=metrics[first : first + _MOST])
