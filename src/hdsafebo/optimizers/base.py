@@ -20,14 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 from hdsafebo.errors import NoSafePointError, TrialError
 from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior
 from hdsafebo.gp.surrogate import (
+    Beliefs,
     DistanceCache,
-    Surrogate,
-    SurrogateState,
     fit_surrogate,
     modelled_safety,
     modelled_thresholds,
 )
-from hdsafebo.optimizers.core.fits import FitCounts, Fits
+from hdsafebo.gp.warped_surrogate import WarpedState
+from hdsafebo.optimizers.core.fits import FitCounts, Fits, State
 from hdsafebo.optimizers.core.ledger import Ledger
 from hdsafebo.optimizers.core.nearest_trials import rows_near_best
 from hdsafebo.optimizers.core.persistence import load_optimizer, save_optimizer
@@ -326,7 +326,7 @@ class Optimizer(ABC):
         self._fits.forget()
 
     @property
-    def surrogate(self) -> Surrogate:
+    def surrogate(self) -> Beliefs:
         """Gaussian processes fitted to the completed trials; reading it does not change later proposals.
 
         Raises:
@@ -335,10 +335,24 @@ class Optimizer(ABC):
         """
         return self._fits.current(self._fit)
 
-    def _fit(self, start: SurrogateState | None, cache: DistanceCache) -> Surrogate:
+    def _fit(self, start: State | None, cache: DistanceCache) -> Beliefs:
         rows = self.rows_to_fit()
         if len(rows) == 0:
             raise NoSafePointError(f"{self.name} has no completed trial to fit; report data with observe")
+        return self.fit(rows, start, cache)
+
+    def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
+        """What is believed given the completed trials `rows`.
+
+        Args:
+            rows: at least one.
+            start: where the last fit ended.
+            cache: distances of earlier fits.
+
+        Raises:
+            SurrogateError: no process could be fitted.
+        """
+        assert not isinstance(start, WarpedState), "the fits of a method are of one kind"
         trials = self.trials[rows]
         return fit_surrogate(
             self.kernel_inputs(trials),

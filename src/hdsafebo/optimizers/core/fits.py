@@ -10,9 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from hdsafebo.gp.surrogate import DistanceCache, Surrogate, SurrogateState
+from hdsafebo.gp.surrogate import Beliefs, DistanceCache, SurrogateState
+from hdsafebo.gp.warped_surrogate import WarpedState
 
-Fit = Callable[[SurrogateState | None, DistanceCache], Surrogate]
+State = SurrogateState | WarpedState
+Fit = Callable[[State | None, DistanceCache], Beliefs]
 _COUNTED = ("fits", "jitters", "fallbacks")
 
 
@@ -36,11 +38,11 @@ class Fits:
 
     def __init__(self) -> None:
         self._cache = DistanceCache()
-        self._start: SurrogateState | None = None
-        self._next_start: SurrogateState | None = None
-        self._current: Surrogate | None = None
+        self._start: State | None = None
+        self._next_start: State | None = None
+        self._current: Beliefs | None = None
 
-    def current(self, fit: Fit) -> Surrogate:
+    def current(self, fit: Fit) -> Beliefs:
         """The surrogate of the present data; `fit` makes it from a start and cached distances."""
         if self._current is None:
             self._current = fit(self._start, self._cache)
@@ -76,6 +78,11 @@ class Fits:
     def restore(self, data: dict[str, Any]) -> None:
         """Take back what `to_json` gave."""
         start, next_start = data["start"], data["next_start"]
-        self._start = None if start is None else SurrogateState.from_json(start)
-        self._next_start = None if next_start is None else SurrogateState.from_json(next_start)
+        self._start, self._next_start = _read(start), _read(next_start)
         self._current = None
+
+
+def _read(data: dict[str, Any] | None) -> State | None:
+    if data is None:
+        return None
+    return (WarpedState if "warped" in data else SurrogateState).from_json(data)

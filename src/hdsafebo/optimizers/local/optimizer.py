@@ -10,12 +10,16 @@ from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
+from hdsafebo.optimizers.local.constrained import ConstrainedSearch
 from hdsafebo.optimizers.local.hidden import HiddenSearch
 from hdsafebo.optimizers.local.restarts import Restarts
 from hdsafebo.optimizers.local.rows import RowSearch
 from hdsafebo.optimizers.local.settings import HdSafeBOLocalSettings, RestartSettings
 from hdsafebo.search.metric import kernel_metric
 from hdsafebo.trials import Trials
+
+_MOST_INPUTS = 100
+"""Beyond, steps of SLSQP, whose work grows with the cube of their number, take most of a round."""
 
 
 class HdSafeBOLocal(SearchingOptimizer):
@@ -43,10 +47,17 @@ class HdSafeBOLocal(SearchingOptimizer):
         """The one that suits the problem and the searched space."""
         if self.problem.candidates is not None:
             return RowSearch(self)
+        if self._searches_inputs():
+            return ConstrainedSearch(self)
         metric = kernel_metric(self.problem, self.embedding, self.space)
         search = HiddenSearch(self, metric) if metric.hides_directions else AscentSearch(self, metric)
         self._restarts = Restarts(search, self.settings.restarts or RestartSettings())
         return search
+
+    def _searches_inputs(self) -> bool:
+        """Whether a length scale per input makes sense: coordinates are the problem's own, and not too many."""
+        own = self.embedding is None and self.problem.features is None
+        return own and not self.settings.isotropic and self.space.dimension <= _MOST_INPUTS
 
     def propose(self, n: int) -> Proposal:
         """What the search proposes; a single trial may begin the next climb instead."""
