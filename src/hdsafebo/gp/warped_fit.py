@@ -8,7 +8,7 @@ one Cholesky factor, so asking which of them is best costs hardly more than one 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import lapack
@@ -33,9 +33,9 @@ _WARP_PRICE = 2.0
 """Nats that a warp must gain on the values as they are."""
 _PSEUDO = 2.0
 """The signal variance is drawn to that of the warped outcomes with the weight of two observations."""
-_WARM_ITERATIONS, _THOROUGH_ITERATIONS = 5, 25
-_GROWTH = 1.3
-"""A thorough fit follows when the data have grown by this factor."""
+_WARM_ITERATIONS, _THOROUGH_ITERATIONS = 5, 20
+_GROWTH, _THOROUGH_GROWTH = 1.05, 1.5
+"""Factors by which the data have grown before hyper-parameters are searched again, and thoroughly."""
 _TRIED = 2
 """Warps beside none that a thorough fit searches length scales for."""
 JITTERS = (0.0, 1e-8, 1e-6, 1e-4, 1e-2)
@@ -50,7 +50,7 @@ class WarpedFit:
         log_noise: of the noise ratio, noise variance over signal variance.
         warp_scale: of the chosen warp.
         warp_scales: those that may be chosen, fixed by the first data.
-        thorough_at: number of data of the last thorough fit.
+        fitted_at, thorough_at: number of data of the last search, and of the last thorough one.
         fits: number of fits so far.
         jitters: fits that needed a larger diagonal than the noise.
         fallbacks: fits whose covariance had no factor, so that earlier values were kept.
@@ -60,6 +60,7 @@ class WarpedFit:
     log_noise: float
     warp_scale: float
     warp_scales: tuple[float, ...]
+    fitted_at: int = 0
     thorough_at: int = 0
     fits: int = 0
     jitters: int = 0
@@ -132,7 +133,10 @@ def fit_warped(x: FloatArray, y: FloatArray, centre: float, start: WarpedFit) ->
         centre: of the warp.
         start: of the last fit; see `first_fit`.
     """
-    thorough = start.fits == 0 or len(y) >= _GROWTH * start.thorough_at
+    if start.fits and len(y) < _GROWTH * start.fitted_at:
+        scale = start.warp_scale
+        return replace(start, fits=start.fits + 1), Standard.of(y, Warp(centre, scale))
+    thorough = start.fits == 0 or len(y) >= _THOROUGH_GROWTH * start.thorough_at
     search = _Search(x, y, centre, start)
     begin = start.theta
     order = search.warps_by_density(begin)
@@ -149,6 +153,7 @@ def fit_warped(x: FloatArray, y: FloatArray, centre: float, start: WarpedFit) ->
         float(theta[-1]),
         scale,
         start.warp_scales,
+        len(y),
         len(y) if thorough else start.thorough_at,
         start.fits + 1,
         start.jitters,
@@ -255,9 +260,11 @@ def profile(inverse: FloatArray, target: FloatArray) -> tuple[float, float, Floa
 
 
 def symmetric_inverse(factor: FloatArray) -> FloatArray:
-    """(n, n) inverse of the matrix whose lower factor is given."""
-    lower, _ = lapack.dpotri(factor, lower=1)
-    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
+    """(n, n) inverse of the matrix whose lower factor is given, zeros above it."""
+    lower, _ = lapack.dpotri(factor, lower=1)  # above its diagonal are the zeros of the factor
+    inverse = lower + lower.T
+    inverse.flat[:: len(inverse) + 1] *= 0.5
+    return np.asarray(inverse)
 
 
 def _loss(theta: FloatArray, x: FloatArray, target: FloatArray) -> tuple[float, FloatArray]:

@@ -7,6 +7,7 @@ is searched for a point that is believed safe.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,16 +84,19 @@ class Climb:
         _, height, _, margins, _ = self.at(u)
         return height if margins.min() >= 0 else -np.inf
 
-    def from_starts(self, starts: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray | None:
+    def from_starts(
+        self, starts: Sequence[FloatArray], lower: FloatArray, upper: FloatArray
+    ) -> FloatArray | None:
         """(d,) the highest point found in a box that is believed safe; None without one.
 
         Args:
-            starts: (k, d) where ascents begin.
+            starts: points (d,) where ascents begin.
             lower, upper: (d,) of the box.
         """
         points = []
-        for start in np.clip(starts, lower, upper):
-            points += [start, self._back(start, self._ascend(start, lower, upper))]
+        for start in starts:
+            begin = np.clip(start, lower, upper)
+            points += [begin, self._back(begin, self._ascend(begin, lower, upper))]
         heights = [self.height(u) for u in points]
         if not heights:
             return None

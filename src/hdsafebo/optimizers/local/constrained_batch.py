@@ -18,6 +18,8 @@ _NEAREST, _FARTHEST = 1e-3, 1.0
 """Range of the distances at which candidates lie around good trials, in half sides of the box."""
 _DIRECTIONS = 20
 """Random ones of which a probe takes that with the best worst bound."""
+_SHORTER = (1.0, 0.25, 0.06)
+"""Shares of a probe's distance."""
 _APART = 1e-3
 """Sides of the cube; a point closer to a known one tells little and is computed again."""
 _RETRIES = 1
@@ -47,17 +49,21 @@ class Batch:
         self._safe = self.candidates[self.margins.hold(self.posteriors, self.candidates)]
 
     def probe(self, distance: float) -> None:
-        """Add the point at a distance from the incumbent whose worst bound is best among random directions."""
-        steps = self.rng.standard_normal((_DIRECTIONS, len(self.incumbent)))
-        steps *= distance / np.linalg.norm(steps, axis=1, keepdims=True)
-        steps[_DIRECTIONS // 2 :] *= 0.25  # should no direction be safe that far
-        points = np.clip(self.incumbent + steps, 0.0, 1.0)
-        mean, deviation = self.posteriors.over(points, SAFETY)
-        worst = ((mean - self.margins.floors[:, None]) / deviation + self.margins.multiples[:, None]).min(
-            axis=0
-        )
-        first = worst[: _DIRECTIONS // 2]
-        self._add(points[first.argmax() if first.max() >= 0 else worst.argmax()])
+        """Add the believed safe point with the best worst bound of random directions, if there is one.
+
+        Args:
+            distance: from the incumbent; shorter ones are tried when no point that far is believed safe.
+        """
+        for share in _SHORTER:
+            steps = self.rng.standard_normal((_DIRECTIONS, len(self.incumbent)))
+            steps *= share * distance / np.linalg.norm(steps, axis=1, keepdims=True)
+            points = np.clip(self.incumbent + steps, 0.0, 1.0)
+            points = points[self.margins.hold(self.posteriors, points)]
+            if len(points):
+                mean, deviation = self.posteriors.over(points, SAFETY)
+                slack = (mean - self.margins.floors[:, None]) / deviation + self.margins.multiples[:, None]
+                self._add(points[slack.min(axis=0).argmax()])
+                return
 
     def climb(self, kappa: float, reach: float) -> None:
         """Add the end of an ascent of mean + kappa * deviation, away from all known points.
@@ -73,7 +79,7 @@ class Batch:
         for _ in range(1 + _RETRIES):
             best = inside[np.argsort(-(mean + kappa * deviation), kind="stable")]
             climb = Climb(self.posteriors, self.margins, kappa)
-            point = climb.from_starts(np.array([*best[:1], *starts]), lower, upper)
+            point = climb.from_starts([*best[:1], *starts], lower, upper)
             if point is not None and self.fresh(point[None])[0]:
                 self._add(point)
                 return
