@@ -1,13 +1,13 @@
-"""Problems that others wrote (see `outside_problems`), through the public interface with every method's defaults.
+"""Problems that others wrote (see `outside_problems`), by the public interface with every method's defaults.
 
-Every method gets the same initial data and is asked for batches of 5, 100 trials in all (150 in 30 dimensions). A
-trial is safe when its true slacks are at least 0. What is recorded of a run:
+Every method gets the same initial data and is asked for batches of 5, 100 trials in all (150 in 30
+dimensions). A trial is safe when its true slacks are at least 0. What is recorded of a run:
 
     best         best true objective of the safe trials, initial ones included, after every batch
     safe         share of the asked trials that were safe
-    violation    mean over asked trials of the sum of violations, each in medians of the box's violating points
-    near         share of asked trials within 1e-3 of the cube's side of an earlier one, counted until the optimum
-                 is reached to 0.1 %
+    violation    mean over asked trials of the sum of violations, in medians of the box's violating points
+    near         share of asked trials within 1e-3 of the cube's side of an earlier one, counted until the
+                 optimum is reached to 0.1 %
     marked       share that no model believed safe, as the method said itself
     predicted    mean safe probability that was predicted; it should equal `safe`
     cpu          seconds of CPU per 10 trials: ask and tell, without the evaluations
@@ -146,7 +146,7 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def table(out: Path) -> dict[str, dict[str, dict[str, Any]]]:
-    """By problem and method: medians over the reported seeds, of `safe` and `marked` the mean; best at 50 too."""
+    """By problem and method over the reported seeds: median objective at 50 trials and the end, means."""
     rows: dict[str, dict[str, dict[str, Any]]] = {}
     for method in METHODS:
         path = out / f"{method}.json"
@@ -187,9 +187,8 @@ def main() -> None:
     for name, methods in rows.items():
         print(f"{name} (optimum {next(iter(methods.values()))['optimum']:.6g})")
         for method, row in methods.items():
-            print(
-                f"  {method:15s} {_line({'best': [row['best']]} | {k: row[k] for k in row if k not in ('best', 'optimum') and not k.endswith('range')})}"
-            )
+            shown = {key: row[key] for key in row if key != "optimum" and not key.endswith("range")}
+            print(f"  {method:15s} {_line(shown | {'best': [row['best']]})}")
     (arguments.out / "table.json").write_text(json.dumps(rows, indent=1, sort_keys=True) + "\n")
 
 

@@ -1,9 +1,9 @@
 """BoTorch's own constrained method, to compare with: noisy expected improvement by Monte Carlo (qLogNEI).
 
 Models, acquisition function and its optimiser are BoTorch's, with their defaults: `SingleTaskGP` for every
-outcome, `qLogNoisyExpectedImprovement` with the constraints, points of a batch one after another (Ament et al.,
-Unexpected improvements to expected improvement for Bayesian optimization, NeurIPS 2023; Daulton et al., NeurIPS
-2021).
+outcome, `qLogNoisyExpectedImprovement` with the constraints, points of a batch one after another (Ament et
+al., Unexpected improvements to expected improvement for Bayesian optimization, NeurIPS 2023; Daulton et al.,
+NeurIPS 2021).
 """
 
 from __future__ import annotations

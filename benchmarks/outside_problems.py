@@ -1,9 +1,9 @@
 """Constrained problems that others wrote, as `FunctionProblem`s: maximise f where every g is at least 0.
 
-Seven are BoTorch's (`botorch.test_functions.synthetic`; its Ackley with the constraints of its SCBO tutorial).
-Three are of the CEC 2006 collection (Liang et al., Problem definitions and evaluation criteria for the CEC 2006
-special session on constrained real-parameter optimization, 2006): g04, g07, g09. Two are seen through noise, with a
-standard deviation of 1 % of each outcome's range over the box; they are scored without.
+Seven are BoTorch's (`botorch.test_functions.synthetic`; its Ackley with the constraints of its SCBO
+tutorial). Three are of the CEC 2006 collection (Liang et al., Problem definitions and evaluation criteria for
+the CEC 2006 special session on constrained real-parameter optimization, 2006): g04, g07, g09. Two are seen
+through noise, with a standard deviation of 1 % of each outcome's range over the box; they are scored without.
 
 Each problem is searched over its own box, with its own units and BoTorch's own slacks; nothing is scaled.
 """
@@ -121,7 +121,7 @@ def _botorch(kind: str, optimum: float, trials: int = 100, **options: Any) -> An
 
 
 def _ackley() -> Any:
-    """Ackley over [-5, 10]^10 where the sum is at most 0 and the norm at most 5, as BoTorch's SCBO tutorial."""
+    """Ackley over [-5, 10]^10 with a sum of at most 0 and a norm of at most 5, as in the SCBO tutorial."""
 
     def true(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         mean_square, mean_cosine = (x * x).mean(axis=1), np.cos(2 * np.pi * x).mean(axis=1)

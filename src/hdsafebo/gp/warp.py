@@ -2,8 +2,8 @@
 
 Constraints of engineering problems span orders of magnitude, and all that matters is how they cross their
 threshold. v -> asinh((v - centre) / scale) is linear within a scale of the centre and logarithmic beyond; its
-Jacobian makes likelihoods under different warps comparable (Snelson, Rasmussen and Ghahramani, Warped Gaussian
-processes, NeurIPS 2003).
+Jacobian makes likelihoods under different warps comparable (Snelson, Rasmussen and Ghahramani, Warped
+Gaussian processes, NeurIPS 2003).
 """
 
 from __future__ import annotations

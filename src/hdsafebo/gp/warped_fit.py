@@ -1,9 +1,9 @@
 """Fit of a process with a length scale per input to warped outcomes, by maximum a posteriori.
 
 Given length scales and noise ratio, mean and signal variance are known in closed form (Rasmussen and Williams
-2006, sections 2.7 and 5.4.1); L-BFGS-B searches the rest with analytic gradients from where the last fit ended.
-Which warp is used is chosen by the density of the outcomes themselves; at given length scales all warps share
-one Cholesky factor, so asking which of them is best costs hardly more than one evaluation.
+2006, sections 2.7 and 5.4.1); L-BFGS-B searches the rest with analytic gradients from where the last fit
+ended. Which warp is used is chosen by the density of the outcomes themselves; at given length scales all
+warps share one Cholesky factor, so asking which of them is best costs hardly more than one evaluation.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class Standard:
 
 
 def correlation(squared: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Matern-5/2 at squared distances in length scales, and s: the gradient in the first point is -s (x - x')."""
+    """Matern-5/2 at squared distances in length scales, and s: its gradient in x is -s (x - x')."""
     r = np.sqrt(5.0 * squared)
     decay = np.exp(-r)
     slope = (1.0 + r) * decay
@@ -220,7 +220,7 @@ _NO_FACTOR = 1e10
 
 
 def _factor(scaled: FloatArray, noise: float, jitter: float = 0.0) -> FloatArray | None:
-    """Lower Cholesky factor of the correlation of (n, d) points in length scales, plus noise; None if it fails."""
+    """Lower Cholesky factor of the correlation of (n, d) scaled points, plus noise; None if it fails."""
     n = len(scaled)
     squared = squared_distances(scaled, scaled)
     squared.flat[:: n + 1] = 0.0
@@ -246,7 +246,7 @@ def factor_with_jitter(scaled: FloatArray, noise: float) -> tuple[FloatArray, fl
 
 
 def profile(inverse: FloatArray, target: FloatArray) -> tuple[float, float, FloatArray]:
-    """Mean and signal variance of greatest density given the inverse covariance, and its product with the rest.
+    """Mean and signal variance of greatest density, and the weights of the data in the posterior mean.
 
     Args:
         inverse: (n, n) of the correlation with noise.

@@ -1,7 +1,7 @@
 """The posterior of one function that was fitted with a length scale per input and warped outcomes.
 
-In standardised units the posterior is Gaussian. In units of the outcomes it is not; shown there are its median,
-and half the distance between the points that lie one standard deviation to both sides.
+In standardised units the posterior is Gaussian. In units of the outcomes it is not; shown there are its
+median, and half the distance between the points that lie one standard deviation to both sides.
 """
 
 from __future__ import annotations
@@ -94,8 +94,18 @@ class WarpedProcess:
     @cached_property
     def smoothed(self) -> FloatArray:
         """(n,) posterior mean at the data, standardised."""
-        ratio = float(np.exp(self.fit.log_noise)) + self.jitter
-        return np.asarray(self.values - ratio * self.weights)
+        return np.asarray(self.values - self._ratio * self.weights)
+
+    @cached_property
+    def smoothed_deviation(self) -> FloatArray:
+        """(n,) posterior deviation at the data, standardised."""
+        share = np.maximum(1.0 - self._ratio * np.diag(self.inverse), 0.0)
+        return self.signal_deviation * np.sqrt(self._ratio * share)
+
+    @property
+    def _ratio(self) -> float:
+        """Of what the data's diagonal has beyond the signal, over the signal."""
+        return float(np.exp(self.fit.log_noise)) + self.jitter
 
     def correlation(self, x: FloatArray) -> FloatArray:
         """(k, n) prior correlation of (k, d) points with the data."""

@@ -1,7 +1,7 @@
-"""What is believed where the inputs themselves are modelled: warped processes, and how far they may be trusted.
+"""What is believed where the inputs themselves are modelled: warped processes, and how far to trust them.
 
-A model that was just wrong is not asked to promise: the deviations of each safety function are multiplied by how
-far its recent predictions were off (`inflation`), and what `beta` demands is counted in such deviations.
+A model that was just wrong is not asked to promise: the deviations of each safety function are multiplied by
+how far its recent predictions were off (`inflation`), and what `beta` demands is counted in such deviations.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from hdsafebo.gp.warped_process import Posteriors, WarpedProcess
 from hdsafebo.typing import FloatArray
 
 _DISTRUST = 1.5
-"""Deviations count as so much larger where beta is negative: fitted hyper-parameters have errors of their own."""
+"""Deviations count as so much larger where beta is negative: fitted hyper-parameters have errors, too."""
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(24)
 """Quadrature for the standard normal distribution."""
 SAFETY = slice(1, None)
@@ -145,10 +145,9 @@ def fit_warped_surrogate(
     thresholds: FloatArray,
     *,
     best: float,
-    inflation: FloatArray,
     start: WarpedState | None = None,
 ) -> WarpedSurrogate:
-    """Fit all processes.
+    """Fit all processes; nothing inflates their deviations.
 
     Args:
         inputs: (n, d) points of the unit cube, of completed trials.
@@ -156,7 +155,6 @@ def fit_warped_surrogate(
         safety: (n, m) modelled safety values, already transformed.
         thresholds: (m,) transformed thresholds: the centres of the safety functions' warps.
         best: value of the objective that its warp is centred at.
-        inflation: (m,) factors of the safety functions' deviations.
         start: of the last fit.
 
     Raises:
@@ -175,4 +173,4 @@ def fit_warped_surrogate(
         WarpedProcess.of(inputs, y, *fit_warped(inputs, y, c, s))
         for y, c, s in zip(columns, centres, starts, strict=True)
     ]
-    return WarpedSurrogate(processes[0], tuple(processes[1:]), thresholds, inflation)
+    return WarpedSurrogate(processes[0], tuple(processes[1:]), thresholds, np.ones(len(thresholds)))

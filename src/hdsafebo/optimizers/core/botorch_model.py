@@ -13,6 +13,9 @@ from hdsafebo.search.space import SearchSpace
 if TYPE_CHECKING:
     from botorch.models import ModelListGP, SingleTaskGP
 
+_LEAST_NOISE = 1e-10
+"""Noise variance of standardised outcomes that GPyTorch would otherwise round up to 1e-6."""
+
 
 def to_botorch(surrogate: Beliefs, space: SearchSpace | None) -> ModelListGP:
     """A `ModelListGP` with the surrogate's data and hyper-parameters, and so its posterior.
@@ -38,13 +41,14 @@ def _warped(process: WarpedProcess) -> SingleTaskGP:
     from botorch.settings import validate_input_scaling
     from gpytorch.kernels import MaternKernel, ScaleKernel
     from gpytorch.means import ConstantMean
+    from gpytorch.settings import min_fixed_noise
 
     from hdsafebo.optimizers.core.botorch_warp import WarpedOutcome
 
     inputs = process.inputs
     outcomes = torch.from_numpy(process.outcomes.restore(process.values))[:, None]
     noise = torch.full_like(outcomes, process.noise_variance + process.jitter * process.variance)
-    with validate_input_scaling(False):
+    with validate_input_scaling(False), min_fixed_noise(double_value=_LEAST_NOISE):
         model = SingleTaskGP(
             torch.from_numpy(inputs),
             outcomes,

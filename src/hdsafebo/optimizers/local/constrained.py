@@ -1,17 +1,18 @@
-"""Search of the inputs themselves: constrained ascents of warped models, within a safe set that heeds its errors.
+"""Search of the inputs themselves: constrained ascents of warped models in a safe set that heeds its errors.
 
 A round, in five steps:
 
 1. Every function has a process of its own, with a length scale per input and a warp (`gp.warped_surrogate`).
-2. The safe set (`SafeMargins`): every safety function's bound keeps a share of the margin that the incumbent has,
-   as interior-point methods do, so that one step never uses up all of it; and no deviation is larger than a
-   share of the prior's, since where nothing is known a bound is a guess. Deviations are inflated by the model's
-   own last errors (`Expectations`).
-3. The first trial climbs the posterior mean; the others mean + kappa * deviation, kappa growing and then random.
-4. After each, the objective is told its own mean there, so that the next looks elsewhere. The safety functions
-   are told nothing: that would walk out of the safe set on imagined evidence.
-5. All this happens in a box around the incumbent that doubles after a round without a violation and halves after
-   one with it. While nothing is gained, all trials but the first look in the whole cube.
+2. The safe set (`SafeMargins`): every safety function's bound keeps a share of the margin that the incumbent
+   has, as interior-point methods do, so that one step never uses up all of it; and no deviation is larger
+   than a share of the prior's, since where nothing is known a bound is a guess. Deviations are inflated by
+   the model's own last errors (`Expectations`).
+3. The first trial climbs the posterior mean; the others mean + kappa * deviation, kappa growing and then
+   random.
+4. After each, the objective is told its own mean there, so that the next looks elsewhere. The safety
+   functions are told nothing: that would walk out of the safe set on imagined evidence.
+5. All this happens in a box around the incumbent that doubles after a round without a violation and halves
+   after one with it. While nothing is gained, all trials but the first look in the whole cube.
 
 The very first round only probes, at distances over orders of magnitude: what is near the incumbent tells the
 length scales.
@@ -19,6 +20,7 @@ length scales.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -94,30 +96,34 @@ class ConstrainedSearch(RegionSearch):
         trials, functions = self.trials[rows], self.optimizer.problem.safety
         feasible = self.optimizer.feasible[rows]
         values = trials.objective[feasible] if feasible.any() else trials.objective
-        return fit_warped_surrogate(
+        surrogate = fit_warped_surrogate(
             self.kernel_inputs(trials),
             trials.objective,
             modelled_safety(functions, trials.safety),
             modelled_thresholds(functions),
             best=float(values.max()),
-            inflation=self.expectations.inflation,
             start=start,
         )
+        return replace(surrogate, inflation=self.expectations.inflation(surrogate.safety))
 
     def centre_row(self) -> int | None:
-        """Row of the incumbent: the highest feasible trial by the posterior mean, which noise moves less.
+        """Row of the incumbent: of the feasible trials that keep their margins the highest by posterior mean.
 
-        Trials that the means of the safety functions refuse were safe by luck; they count when there are no
-        others. None without a feasible trial.
+        Noise moves a posterior mean less than an outcome. A trial whose bounds, with its own deviations, do
+        not keep the share of its margins that the safe set demands was safe by luck, or by less than the
+        noise; it is the incumbent only where there is no other. None without a feasible trial.
         """
-        rows = self.optimizer.rows_to_fit()
+        model, rows = self.model, self.optimizer.rows_to_fit()
         own = self.own[rows]
         if not own.any():
             return None
-        margins = np.array([p.smoothed for p in self.model.safety]) - self.model.standard_thresholds[:, None]
-        believed = own & (margins >= 0).all(axis=0)
+        margins = np.array([p.smoothed for p in model.safety]) - model.standard_thresholds[:, None]
+        short = model.counted(min(self.confidence, 0.0))[:, None] * [
+            p.smoothed_deviation for p in model.safety
+        ]
+        believed = own & ((1.0 - _KEPT) * margins + short >= 0).all(axis=0)
         which = believed if believed.any() else own
-        return int(rows[which][self.model.objective.smoothed[which].argmax()])
+        return int(rows[which][model.objective.smoothed[which].argmax()])
 
     # --- a round
 

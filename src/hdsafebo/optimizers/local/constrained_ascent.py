@@ -1,8 +1,8 @@
 """Ascent of an acquisition function under the bounds of all safety functions at once.
 
-SLSQP (Kraft 1988) with exact gradients handles several constraints that are active together, where following one
-gradient after another would creep along them. It may end slightly outside; then the line back to where it began
-is searched for a point that is believed safe.
+SLSQP (Kraft 1988) with exact gradients handles several constraints that are active together, where following
+one gradient after another would creep along them. It may end slightly outside; then the line back to where it
+began is searched for a point that is believed safe.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _SHORTEST = 1e-3
 
 @dataclass(frozen=True)
 class SafeMargins:
-    """The safe set, standardised: mean + multiple * deviation >= floor and deviation <= cap, for each function.
+    """The safe set, standardised: mean + multiple * deviation >= floor, and deviation <= cap.
 
     Attributes:
         multiples: (m,) of the deviations, negative for a promise.
@@ -65,7 +65,7 @@ class Climb:
         self._last: tuple[bytes, float, FloatArray, FloatArray, FloatArray] | None = None
 
     def at(self, u: FloatArray) -> tuple[bytes, float, FloatArray, FloatArray, FloatArray]:
-        """The point, its height and (d,) gradient; margins (k,), at least 0 where safe, and gradients (k, d)."""
+        """The point, its height and (d,) gradient; (k,) margins, not negative where safe, and gradients."""
         key = u.tobytes()
         if self._last is None or self._last[0] != key:
             mean, deviation, by_mean, by_deviation = self._posteriors.at(u)

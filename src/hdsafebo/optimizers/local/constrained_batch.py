@@ -101,7 +101,7 @@ class Batch:
 def candidates_around(
     incumbent: FloatArray, good: FloatArray, near: float, box: float, rng: np.random.Generator
 ) -> FloatArray:
-    """(k, d) points of the cube: good ones, uniform ones in a box, steps from good ones, and steps along some axes.
+    """(k, d) points: good ones, uniform ones in a box, steps from good ones, and steps along some axes.
 
     Args:
         incumbent: (d,).

@@ -1,11 +1,13 @@
 """What was expected of asked trials, and how far off that was: the record by which a model is trusted.
 
-Each error is counted in what was expected, posterior deviation and noise of an observation together, so that a
-noisy observation is not taken for an error of the model.
+Each error is counted in what was expected, posterior deviation and noise of an observation together, so that
+a noisy observation is not taken for an error of the model. The noise is the larger of what was believed then
+and what is believed now: before two trials lie close to each other, no model can know of noise.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,15 +15,17 @@ from numpy.typing import NDArray
 
 from hdsafebo.gp.warp import Warp
 from hdsafebo.gp.warped_fit import Standard
+from hdsafebo.gp.warped_process import WarpedProcess
 from hdsafebo.gp.warped_surrogate import SAFETY, WarpedSurrogate
 from hdsafebo.typing import FloatArray, IntArray
 
 _REMEMBERED = 20
-"""Last trials whose errors count: enough for one to be telling, few enough that a better model is trusted again."""
+"""Last trials whose errors count: a model that has become better is trusted again."""
 _USUAL = 2.0
 """Largest of so many errors that a correct model makes about; beyond it deviations are inflated."""
 _LARGEST = 30.0
-_COLUMNS = 6  # of an expectation: centre, scale, shift, unit of the standardisation; mean; deviation
+_COLUMNS = 7  # centre, scale, shift, unit of the standardisation; mean; variance; noise variance
+_KEPT = 4  # error, variance, noise variance, all in the units of the warped values; scale of the warp
 
 
 class Expectations:
@@ -34,14 +38,21 @@ class Expectations:
     def __init__(self, count: int) -> None:
         self._ids = np.empty(0, np.int64)
         self._expected = np.empty((0, count, _COLUMNS))
-        self._errors = np.empty((0, count))
+        self._errors = np.empty((0, count, _KEPT))
 
-    @property
-    def inflation(self) -> FloatArray:
-        """(m,) factors of the models' deviations: 1 unless one of the last errors was larger than usual."""
-        if len(self._errors) == 0:
-            return np.ones(self._errors.shape[1])
-        return np.clip(np.abs(self._errors).max(axis=0) / _USUAL, 1.0, _LARGEST)
+    def inflation(self, safety: Sequence[WarpedProcess]) -> FloatArray:
+        """(m,) factors of the models' deviations: 1 unless one of the last errors was larger than usual.
+
+        Args:
+            safety: the present models, which say how noisy observations are.
+        """
+        factors = np.ones(len(safety))
+        for j, process in enumerate(safety if len(self._errors) else ()):
+            error, variance, noise, scale = self._errors[:, j].T
+            now = process.noise_variance * process.outcomes.unit**2
+            noise = np.where(scale == process.outcomes.warp.scale, np.maximum(noise, now), noise)
+            factors[j] = np.max(np.abs(error) / np.sqrt(variance + noise)) / _USUAL
+        return np.clip(factors, 1.0, _LARGEST)
 
     def expect(self, ids: IntArray, points: FloatArray, surrogate: WarpedSurrogate) -> None:
         """Remember what is expected at the (k, d) points of the trials `ids`."""
@@ -50,8 +61,8 @@ class Expectations:
         for j, process in enumerate(surrogate.safety):
             outcomes = process.outcomes
             rows[:, j, :4] = outcomes.warp.centre, outcomes.warp.scale, outcomes.shift, outcomes.unit
-            rows[:, j, 4] = mean[j]
-            rows[:, j, 5] = np.sqrt(deviation[j] ** 2 + process.noise_variance)
+            rows[:, j, 4], rows[:, j, 5] = mean[j], deviation[j] ** 2
+            rows[:, j, 6] = process.noise_variance
         self._ids = np.concatenate([self._ids, ids])
         self._expected = np.concatenate([self._expected, rows])
 
@@ -77,8 +88,9 @@ class Expectations:
         self._errors = arrays["errors"]
 
 
-def _error(expected: FloatArray, value: float) -> float:
-    """Of an observation, in expected deviations."""
-    centre, scale, shift, unit, mean, deviation = (float(v) for v in expected)
+def _error(expected: FloatArray, value: float) -> tuple[float, float, float, float]:
+    """What is kept of an observation."""
+    centre, scale, shift, unit, mean, variance, noise = (float(v) for v in expected)
     standard = Standard(Warp(centre, scale), shift, unit)
-    return float((standard.apply(np.array([value]))[0] - mean) / deviation)
+    error = unit * (float(standard.apply(np.array([value]))[0]) - mean)
+    return error, unit**2 * variance, unit**2 * noise, scale

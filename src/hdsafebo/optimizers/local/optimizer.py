@@ -55,7 +55,7 @@ class HdSafeBOLocal(SearchingOptimizer):
         return search
 
     def _searches_inputs(self) -> bool:
-        """Whether a length scale per input makes sense: coordinates are the problem's own, and not too many."""
+        """Whether a length scale per input makes sense: inputs are the problem's own, and not too many."""
         own = self.embedding is None and self.problem.features is None
         return own and not self.settings.isotropic and self.space.dimension <= _MOST_INPUTS
 
