@@ -12,7 +12,7 @@ from torch import Tensor
 from hdsafebo.gp.warped_fit import Standard
 
 
-class WarpedOutcome(OutcomeTransform):  # type: ignore[misc]
+class WarpedOutcome(OutcomeTransform):
     """Outcomes warped and standardised; variances of observations are given standardised.
 
     Args:

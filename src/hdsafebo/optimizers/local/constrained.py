@@ -118,10 +118,9 @@ class ConstrainedSearch(RegionSearch):
         if not own.any():
             return None
         margins = np.array([p.smoothed for p in model.safety]) - model.standard_thresholds[:, None]
-        short = model.counted(min(self.confidence, 0.0))[:, None] * [
-            p.smoothed_deviation for p in model.safety
-        ]
-        believed = own & ((1.0 - _KEPT) * margins + short >= 0).all(axis=0)
+        deviations = np.array([p.smoothed_deviation for p in model.safety])
+        bounds = (1.0 - _KEPT) * margins + model.counted(min(self.confidence, 0.0))[:, None] * deviations
+        believed = own & (bounds >= 0).all(axis=0)
         which = believed if believed.any() else own
         return int(rows[which][model.objective.smoothed[which].argmax()])
 
@@ -188,8 +187,7 @@ class ConstrainedSearch(RegionSearch):
     def _finish(self, batch: Batch, n: int) -> Proposal:
         """The proposal; what is missing are the most probably safe candidates."""
         chosen = np.array(batch.chosen).reshape(-1, len(self.active))
-        left = batch.candidates[batch.fresh(batch.candidates)] if len(chosen) < n else chosen[:0]
-        points = np.concatenate([chosen, left])
+        points = chosen if len(chosen) == n else np.concatenate([chosen, batch.others(n - len(chosen))])
         policy = self.optimizer.settings.empty_safe_set
         rows = complete_batch(np.arange(len(chosen)), n, points, self.model, policy)
         marked = ~(batch.margins.hold(batch.posteriors, points[rows]) | (rows < len(chosen)))

@@ -88,6 +88,11 @@ class Batch:
         if len(left):
             self._add(left[0])
 
+    def others(self, least: int) -> FloatArray:
+        """(k, d) candidates for what is missing: the fresh ones, or all of them when those are too few."""
+        fresh = self.candidates[self.fresh(self.candidates)]
+        return fresh if len(fresh) >= least else self.candidates
+
     def fresh(self, points: FloatArray) -> NDArray[np.bool_]:
         """(k,) True for points (k, d) that lie apart from all known, open and chosen ones."""
         known = self.posteriors.known
