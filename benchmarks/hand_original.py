@@ -4,7 +4,7 @@ One seed, the same initial policies for all methods that can start from given on
 process of its own with one thread; times are CPU seconds, those of the physics apart. The times of a round
 belong to the last rounds, so to nearly all trials.
 
-    python benchmarks/hand_original.py --methods hdsafebo_original hdsafebo_local_original
+    python benchmarks/hand_original.py --methods hdsafebo hdsafebo_local
     python benchmarks/hand_original.py --write
 """
 
@@ -28,6 +28,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402  (after the thread limits)
 
 from hdsafebo.errors import NoSafePointError, SurrogateError  # noqa: E402
+from hdsafebo.files.atomic import write_json  # noqa: E402
 from hdsafebo.optimizers.base import Optimizer  # noqa: E402
 from hdsafebo.optimizers.registry import METHODS, make_optimizer  # noqa: E402
 from hdsafebo.params import load_params  # noqa: E402
@@ -37,11 +38,9 @@ from hdsafebo.trials import Trials  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "reports" / "reference" / "benchmarks" / "hand_original.json"
-DISTINCT = list({(m.module, m.kind): f"{name}_original" for name, m in reversed(METHODS.items())}.values())[
-    ::-1
-]
+DISTINCT = list({(m.module, m.kind): name for name, m in reversed(METHODS.items())}.values())[::-1]
 """One name for each class; `random_lowest` needs a candidate set."""
-DISTINCT.remove("random_lowest_original")
+DISTINCT.remove("random_lowest")
 INITIAL = 200
 BATCH = 10
 SEED = 1000
@@ -63,11 +62,16 @@ class Clock:
         return told
 
 
+def settings_of(method: str) -> dict[str, Any]:
+    """Settings that the parameters give the method where it searches the original space."""
+    blocks = load_params(ROOT / "params.yaml").methods.values()
+    return next((b.settings for b in blocks if (b.algorithm, b.space) == (method, "original")), {})
+
+
 def play(method: str, problem: Problem, initial: Trials, trials: int) -> dict[str, Any]:
     """Results, times and peak memory of one run."""
     warnings.simplefilter("ignore")
-    settings = load_params(ROOT / "params.yaml").methods.get(method, {})
-    optimizer: Optimizer = make_optimizer(method, problem, seed=SEED, **settings)
+    optimizer: Optimizer = make_optimizer(method, problem, seed=SEED, **settings_of(method))
     clock, seconds, stopped = Clock(problem), [], ""
     if optimizer.uses_initial_data:
         optimizer.observe(initial.x, initial.objective, initial.safety, status=initial.status, initial=True)
@@ -144,7 +148,7 @@ def main() -> None:
     )
     parser.add_argument("--write", action="store_true", help=f"keep the numbers in {OUT.relative_to(ROOT)}")
     arguments = parser.parse_args()
-    met = {local: initial_policies(f"hdsafebo{local}_original") for local in ("", "_local")}
+    met = {local: initial_policies(f"hdsafebo{local}") for local in ("", "_local")}
     columns = ("round_s", "round_worst_s", "peak_mb", "safety", "best_initial", "best")
     print(f"{'method':26s}" + "".join(f"{c:>14s}" for c in columns), flush=True)
     rows = {}
@@ -165,11 +169,8 @@ def write(rows: list[dict[str, Any]]) -> None:
     kept = json.loads(OUT.read_text(encoding="utf-8"))["rows"] if OUT.exists() else []
     merged = {row["method"]: row for row in [*kept, *rows]}
     machine = {"python": platform.python_version(), "numpy": np.__version__, "threads": 1, "batch": BATCH}
-    text = json.dumps(
-        {"machine": machine, "initial": INITIAL, "seed": SEED, "rows": list(merged.values())}, indent=1
-    )
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(text + "\n", encoding="utf-8")
+    content = {"machine": machine, "initial": INITIAL, "seed": SEED, "rows": list(merged.values())}
+    write_json(OUT, content)
 
 
 if __name__ == "__main__":

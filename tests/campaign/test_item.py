@@ -25,7 +25,8 @@ from campaign_items import (
 from hdsafebo.campaign.item import run_path
 from hdsafebo.errors import DatasetError, JournalError, ParamsError
 from hdsafebo.runs.read import read_run
-from hdsafebo.runs.write import TIMES, Rows, RunMetadata, write_run_file
+from hdsafebo.runs.schema import TIMES, Rows, RunMetadata
+from hdsafebo.runs.write import write_run_file
 
 
 @pytest.fixture(autouse=True)
@@ -103,6 +104,18 @@ def test_the_file_is_what_the_report_reads(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("_here")
+def test_one_algorithm_searches_either_space_under_two_names(tmp_path: Path) -> None:
+    compute(tmp_path, seeds=1)
+    compute(tmp_path, seeds=1, method="toy_inputs")
+    latent, original = (read_run(run_path("synthetic", name, tmp_path)) for name in ("toy", "toy_inputs"))
+    assert (latent.meta.algorithm, latent.meta.space, latent.meta.dimension) == ("toy", "latent", 3)
+    assert (original.meta.algorithm, original.meta.space, original.meta.dimension) == ("toy", "original", 6)
+    assert (latent.meta.method, original.meta.method) == ("toy", "toy_inputs")
+    first = [run.trials[run.trials["initial"]]["objective"].to_numpy() for run in (latent, original)]
+    np.testing.assert_array_equal(*first, err_msg="the initial trials are those of the task")
+
+
+@pytest.mark.usefixtures("_here")
 def test_equal_runs_are_equal_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def write_without_times(path: Path, runs: list[Rows], metadata: RunMetadata) -> None:
         zero = {name: np.zeros(len(runs[0]["trial"])) for name in TIMES}
@@ -116,13 +129,13 @@ def test_equal_runs_are_equal_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_killed_worker_changes_nothing(
-    tmp_path: Path, expected: Content, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, expected: Content, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "kill-me").touch()
     monkeypatch.setattr("hdsafebo.campaign.item.run", toys.run_toy_and_die_once)
     compute(tmp_path)
     assert not (tmp_path / "kill-me").exists()
-    assert "a worker process died" in capfd.readouterr().err
+    assert "a worker process died" in caplog.text
     assert_same_file(without_times(tmp_path), expected)
 
 

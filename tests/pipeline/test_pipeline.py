@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-import yaml
+
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import read_mapping, write_mapping
 
 COPIED = (
     "src",
@@ -72,7 +74,7 @@ def finished(project_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 
 def test_every_output_is_there(finished: Path) -> None:
-    for stage in yaml.safe_load((finished / "dvc.lock").read_text())["stages"].values():
+    for stage in read_mapping(finished / "dvc.lock", ParamsError)["stages"].values():
         for out in stage["outs"]:
             assert (finished / out["path"]).exists()
     summary = json.loads((finished / "reports" / "summary.json").read_text())
@@ -85,7 +87,7 @@ def test_every_output_is_there(finished: Path) -> None:
 
 
 def test_run_files_hold_what_the_params_ask_for(finished: Path) -> None:
-    params = yaml.safe_load((finished / "params.yaml").read_text())
+    params = read_mapping(finished / "params.yaml", ParamsError)
     budget = params["tasks"]["synthetic"]["budget"]
     for method in params["tasks"]["synthetic"]["methods"]:
         table = pq.read_table(finished / "data" / "runs" / f"synthetic-{method}.parquet").to_pandas()
@@ -120,6 +122,7 @@ def test_a_second_repro_runs_nothing(finished: Path) -> None:
             "methods.sobol",
             {"unused": 1},
             {
+                "code",
                 "optimize_synthetic@sobol",
                 "optimize_hand@sobol",
                 "optimize_scs@scs_st-sobol",
@@ -135,19 +138,48 @@ def test_a_change_of_one_block_reruns_exactly_its_dependants(
 ) -> None:
     path = finished / "params.yaml"
     before = path.read_text()
-    data = yaml.safe_load(before)
+    data = read_mapping(path, ParamsError)
     block = data
     *parents, last = key.split(".")
     for name in parents:
         block = block[name]
     block[last] = value
     try:
-        path.write_text(yaml.safe_dump(data, sort_keys=False))
+        write_mapping(path, data, ParamsError)
         changed = changed_stages(finished)
     finally:
         path.write_text(before)
     assert all(any(stage.startswith(prefix) for prefix in expected) for stage in changed), changed
     assert all(any(stage.startswith(prefix) for stage in changed) for prefix in expected), changed
+
+
+@pytest.mark.parametrize(
+    ("module", "expected"),
+    [
+        ("optimizers/baselines/scbo.py", set()),  # the smoke profile does not run it
+        (
+            "optimizers/controls/sobol.py",
+            {
+                "optimize_synthetic@sobol",
+                "optimize_hand@sobol",
+                "optimize_scs@scs_st-sobol",
+                "optimize_digits@digits_3-sobol",
+            },
+        ),
+        ("spinal/finite_elements/solver.py", {"solve_lead_field"}),
+        ("report/page.py", {"report"}),
+    ],
+)
+def test_a_change_of_a_module_reruns_its_users_only(finished: Path, module: str, expected: set[str]) -> None:
+    path = finished / "src" / "hdsafebo" / module
+    before = path.read_text()
+    try:
+        path.write_text(before + "\n# a change\n")
+        run(finished, "dvc", "repro", "--single-item", "code")
+        assert changed_stages(finished) == expected
+    finally:
+        path.write_text(before)
+        run(finished, "dvc", "repro", "--single-item", "code")
 
 
 def test_a_damaged_output_is_noticed(finished: Path) -> None:

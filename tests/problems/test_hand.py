@@ -112,7 +112,7 @@ def test_what_is_modelled_depends_on_the_method(make: Callable[[str], Task]) -> 
     def modelled(method: str) -> list[str]:
         return [function.name for function in make(method).problem.safety if function.modelled]
 
-    assert modelled("hdsafebo") == modelled("scbo_original") == ["landing_speed"]
+    assert modelled("hdsafebo") == modelled("scbo") == ["landing_speed"]
     assert modelled("hdsafebo_local") == ["no_drop"]
     several = safety_functions(HandProblem(handling_limit=0.9), 4.4, ["no_drop", "handling_speed"])
     assert [(s.name, s.threshold, s.modelled) for s in several] == [

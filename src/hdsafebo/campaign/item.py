@@ -13,16 +13,18 @@ from hdsafebo.campaign.run_spec import RunSpec, budget_of, settings_of
 from hdsafebo.campaign.runner import RunResult, run
 from hdsafebo.errors import JournalError, ParamsError
 from hdsafebo.params import Params
+from hdsafebo.pipeline.store import home_of
 from hdsafebo.pipeline.tracking import Tracker
 from hdsafebo.problems.registry import family_of
 from hdsafebo.progress import progress
-from hdsafebo.runs.rounds import mean_series, round_series
-from hdsafebo.runs.write import RunMetadata, write_run_file
+from hdsafebo.runs.schema import RunMetadata, run_name
+from hdsafebo.runs.series import per_round_of
+from hdsafebo.runs.write import write_run_file
 
 
 def run_path(task: str, method: str, root: Path) -> Path:
     """The run file of a method on a task."""
-    return root / "data" / "runs" / f"{task}-{method}.parquet"
+    return root / "data" / "runs" / f"{run_name(task, method)}.parquet"
 
 
 def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracker) -> list[RunResult]:
@@ -32,7 +34,7 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
 
     Args:
         task: name of the task.
-        method: name of the method.
+        method: name of the method's block in the parameters.
         params: the checked parameters.
         root: the project's directory.
         tracker: mirrors the runs as they finish.
@@ -60,13 +62,16 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         params={
             "problem": block["problem"],
             "budget": block["budget"],
+            "algorithm": params.methods[method].algorithm,
+            "space": params.methods[method].space,
             "settings": settings,
             "profile": params.profile,
         },
     )
+    home = home_of(root)
     finished: dict[int, RunResult] = {}
     with (
-        _shared_directory(root) as directory,
+        _shared_directory(home) as directory,
         progress(len(seeds) * budget.trials, f"{task} {method}") as advance,
     ):
         watcher = ProgressWatcher(Path(directory), seeds, advance)
@@ -74,15 +79,15 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         def on_result(spec: RunSpec, result: RunResult) -> None:
             finished[spec.seed] = result
             watcher.finish(spec.seed, budget.trials)
-            steps, series = round_series(result.rows)
+            curves = per_round_of([result.rows])
             tracker.log_child(
                 f"{method} {spec.seed}",
                 {"seed": spec.seed, "method": method, "task": task},
-                steps.tolist(),
-                {name: values.tolist() for name, values in series.items()},
+                curves.trials.astype(int).tolist(),
+                curves.mean_curves(),
             )
 
-        specs = [RunSpec(task, method, seed, plain, str(root), directory) for seed in seeds]
+        specs = [RunSpec(task, method, seed, plain, str(root), directory, str(home)) for seed in seeds]
         execute(
             run, specs, on_result, watcher, workers=params.compute.workers, scheduler=params.compute.scheduler
         )
@@ -90,6 +95,7 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
     metadata = RunMetadata(
         task=task,
         method=method,
+        algorithm=params.methods[method].algorithm,
         profile=params.profile,
         settings=settings,
         n_initial=budget.initial,
@@ -100,14 +106,14 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         **_common_facts(results),
     )
     write_run_file(run_path(task, method, root), [result.rows for result in results], metadata)
-    steps, means = mean_series([result.rows for result in results])
-    tracker.log_series(steps.tolist(), {name: values.tolist() for name, values in means.items()})
+    curves = per_round_of([result.rows for result in results])
+    tracker.log_series(curves.trials.astype(int).tolist(), curves.mean_curves())
     return results
 
 
-def _shared_directory(root: Path) -> tempfile.TemporaryDirectory[str]:
+def _shared_directory(home: Path) -> tempfile.TemporaryDirectory[str]:
     """A directory that the workers see too, for as long as the campaign lasts."""
-    parent = root / ".journal"
+    parent = home / ".journal"
     try:
         make_durable_directory(parent)
         return tempfile.TemporaryDirectory(prefix="progress-", dir=parent, ignore_cleanup_errors=True)

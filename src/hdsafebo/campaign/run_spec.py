@@ -16,7 +16,8 @@ from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.registry import method_module
 from hdsafebo.params import Budget, Params, parse_params
 from hdsafebo.params.base import MethodSettings
-from hdsafebo.pipeline.imports import used_modules
+from hdsafebo.pipeline.code import modules_behind
+from hdsafebo.pipeline.imports import ImportGraph
 from hdsafebo.pipeline.provenance import digest_file, digest_paths
 from hdsafebo.problems.registry import family_of, task_module
 
@@ -25,8 +26,8 @@ _BLOCKS = {"synthetic": (), "hand": ("hand",), "scs": ("spinal", "embeddings"), 
 # Modules that compute runs but no trial: a change of these leaves what was computed as it is.
 _INDIFFERENT_MODULES = {
     "progress.py", "errors.py",
-    "campaign/cluster.py", "campaign/errors.py", "pipeline/imports.py", "campaign/journal.py",
-    "campaign/progress.py", "pipeline/provenance.py",
+    "campaign/cluster.py", "campaign/errors.py", "campaign/journal.py", "campaign/progress.py",
+    "files/atomic.py", "pipeline/code.py", "pipeline/imports.py", "pipeline/provenance.py",
 }  # fmt: skip
 _LIBRARIES = ("numpy", "scipy", "torch", "gpytorch", "botorch", "scikit-learn", "mujoco", "numba", "cma")
 _INITIAL_STREAM, _METHOD_STREAM = 1, 2
@@ -38,11 +39,12 @@ class RunSpec:
 
     Attributes:
         task: name of the task.
-        method: name of the method.
+        method: name of the method's block in the parameters.
         seed: of the problem, the initial trials and the method.
         params: the whole of `params.yaml` as plain data.
-        root: directory below which files of the task and the journal lie.
+        root: directory below which files of the task lie.
         progress: directory for signs of life, shared by the runs of a campaign.
+        home: directory below which the journal lies; None takes the root.
     """
 
     task: str
@@ -51,6 +53,7 @@ class RunSpec:
     params: Mapping[str, Any]
     root: str
     progress: str
+    home: str | None = None
 
     @property
     def name(self) -> str:
@@ -60,7 +63,7 @@ class RunSpec:
     @property
     def journal(self) -> Path:
         """Directory of all journals; no output of the pipeline, which deletes those before a stage runs."""
-        return Path(self.root) / ".journal"
+        return Path(self.home or self.root) / ".journal"
 
     def checked_params(self) -> Params:
         """The parameters as a model."""
@@ -92,7 +95,7 @@ def budget_of(params: Params, task: str) -> Budget:
 def settings_of(params: Params, task: str, method: str) -> MethodSettings:
     """Settings of a method on a task: those on all tasks, and those of the task's family."""
     family = getattr(params.tasks, family_of(task))
-    return params.methods[method] | family.settings.get(method, {})
+    return params.methods[method].settings | family.settings.get(method, {})
 
 
 def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[str, Any]:
@@ -107,7 +110,7 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
         ParamsError: a file is missing.
     """
     plain = params.model_dump(mode="json")
-    budget = budget_of(params, spec.task)
+    budget, method = budget_of(params, spec.task), params.methods[spec.method]
     files = {}
     for name in inputs:
         path = Path(spec.root) / name
@@ -124,33 +127,32 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
         "trials": budget.trials,
         "batch": budget.batch,
         "problem": plain["tasks"][family_of(spec.task)]["problem"],
+        "algorithm": method.algorithm,
+        "space": method.space,
         "settings": settings_of(params, spec.task, spec.method),
         "blocks": {name: plain[name] for name in _BLOCKS[family_of(spec.task)]},
         "inputs": files,
-        "code": _code_digest(family_of(spec.task), spec.method),
+        "code": _code_digest(family_of(spec.task), method.algorithm),
         "libraries": {name: _version(name) for name in _LIBRARIES},
     }
 
 
 @lru_cache
-def _code_digest(family: str, method: str) -> str:
-    """Digest of the modules that compute a run: what the runner, the task and the method import."""
+def _code_digest(family: str, algorithm: str) -> str:
+    """Digest of the modules that compute a run: what the runner, the task and the algorithm import."""
     package = Path(hdsafebo.__file__).parent
+    graph = ImportGraph(package.parent)
     roots = [
         package / "campaign" / "runner.py",
-        _file_of(task_module(family), package),
-        _file_of(method_module(method), package),
+        graph.file_of(task_module(family)),
+        graph.file_of(method_module(algorithm)),
     ]
-    modules = used_modules(roots, package.parent).union(roots)
+    modules = modules_behind(roots, graph)
     return digest_paths([path for path in modules if _counts(path.relative_to(package))], package)
 
 
 def _counts(module: Path) -> bool:
     return module.parts[0] != "params" and module.as_posix() not in _INDIFFERENT_MODULES
-
-
-def _file_of(module: str, package: Path) -> Path:
-    return package.parent.joinpath(*module.split(".")).with_suffix(".py")
 
 
 def _version(library: str) -> str | None:

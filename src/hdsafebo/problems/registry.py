@@ -12,8 +12,6 @@ from hdsafebo.params import Params
 from hdsafebo.problem import Codec, Problem
 from hdsafebo.typing import FloatArray
 
-ORIGINAL_SUFFIX = "_original"
-
 
 @dataclass(frozen=True)
 class Task:
@@ -40,6 +38,11 @@ _FAMILIES = {
     "scs": "hdsafebo.problems.stimulation",
     "digits": "hdsafebo.problems.digits",
 }
+
+
+def family_names() -> list[str]:
+    """The families of tasks."""
+    return sorted(_FAMILIES)
 
 
 def family_of(task: str) -> str:

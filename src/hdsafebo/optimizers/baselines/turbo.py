@@ -30,7 +30,6 @@ class Turbo(Optimizer):
     name = "turbo"
     Settings = BoxRegionSettings
     settings: BoxRegionSettings
-    consults_model = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

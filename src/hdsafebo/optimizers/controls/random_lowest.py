@@ -30,7 +30,6 @@ class RandomLowest(Optimizer):
     """
 
     name = "random_lowest"
-    consults_model = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

@@ -23,7 +23,6 @@ class Sobol(Optimizer):
     """
 
     name = "sobol"
-    consults_model = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

@@ -29,10 +29,10 @@ from scipy.spatial.distance import pdist
 
 from hdsafebo.gp.surrogate import Beliefs, DistanceCache, modelled_safety, modelled_thresholds
 from hdsafebo.gp.warped_surrogate import SAFETY, WarpedState, WarpedSurrogate, fit_warped_surrogate
-from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
 from hdsafebo.optimizers.core.fits import State
-from hdsafebo.optimizers.local.base import RegionSearch
+from hdsafebo.optimizers.local.base import RegionSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.constrained_ascent import SafeMargins
 from hdsafebo.optimizers.local.constrained_batch import Batch, candidates_around
 from hdsafebo.optimizers.local.expectations import Expectations
@@ -70,7 +70,7 @@ class ConstrainedSearch(RegionSearch):
     # Half sides of the box, in sides of the cube.
     rule = TrustRegionRule(initial=0.1, least=0.005, most=1.0, successes=1, failures=1, restart=False)
 
-    def __init__(self, optimizer: Optimizer) -> None:
+    def __init__(self, optimizer: SearchingOptimizer) -> None:
         super().__init__(optimizer)
         self.active = np.flatnonzero(optimizer.space.width > 0)
         self.expectations = Expectations(sum(s.modelled for s in optimizer.problem.safety))

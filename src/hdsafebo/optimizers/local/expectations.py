@@ -63,6 +63,8 @@ class Expectations:
             rows[:, j, :4] = outcomes.warp.centre, outcomes.warp.scale, outcomes.shift, outcomes.unit
             rows[:, j, 4], rows[:, j, 5] = mean[j], deviation[j] ** 2
             rows[:, j, 6] = process.noise_variance
+        other = ~np.isin(self._ids, ids)  # of proposals that were not asked in the end nothing stays
+        self._ids, self._expected = self._ids[other], self._expected[other]
         self._ids = np.concatenate([self._ids, ids])
         self._expected = np.concatenate([self._expected, rows])
 

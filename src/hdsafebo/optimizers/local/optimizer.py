@@ -36,12 +36,13 @@ class HdSafeBOLocal(SearchingOptimizer):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        if self.problem.candidates is not None and self.settings.restarts is not None:
-            raise ParamsError(
-                f"method {self.name!r}: setting 'restarts' is of continuous spaces; "
-                f"{self.problem.name!r} has a finite candidate set"
-            )
         self._restarts: Restarts | None = None
+        finite = self.problem.candidates is not None
+        if self.settings.restarts is not None and (finite or self._searches_inputs()):
+            raise ParamsError(
+                f"method {self.name!r}: setting 'restarts' is of searches through an embedding or features; "
+                f"{self.problem.name!r} {'has a finite candidate set' if finite else 'is searched without'}"
+            )
 
     def make_search(self) -> LocalSearch:
         """The one that suits the problem and the searched space."""
