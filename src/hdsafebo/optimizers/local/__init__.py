@@ -9,7 +9,7 @@
 
 More inputs, and `isotropic: true`, are searched by `ascents`. `optimizer` makes the search once and asks it;
 `base` says what every search provides. Single trials of `ascents` and `hidden` climb one top after another
-(`restarts`). The parts of `constrained` are `constrained_batch`, `constrained_ascent` and `expectations`; those
-of the others `caution`, `recombination` and `row_regions`. `settings` holds what can be set. A method with the
-same frame gives `base.SearchingOptimizer` a search of its own, as the sessions' shortlist does.
+(`restarts`). The parts of `constrained` are `constrained_batch`, `constrained_ascent` and `expectations`;
+those of the others `caution`, `recombination` and `row_regions`. `settings` holds what can be set. A method
+with the same frame gives `base.SearchingOptimizer` a search of its own, as the sessions' shortlist does.
 """
