@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import NoSafePointError
 from hdsafebo.gp.fit import NoisePrior
-from hdsafebo.gp.surrogate import DistanceCache, Surrogate, SurrogateState
+from hdsafebo.gp.surrogate import Beliefs, DistanceCache
 from hdsafebo.optimizers.core.contexts import check_able, in_context, novel_beta
-from hdsafebo.optimizers.core.fits import FitCounts, Fits, fit_trials
+from hdsafebo.optimizers.core.fits import FitCounts, Fits, State, fit_trials
 from hdsafebo.optimizers.core.ledger import Ledger
 from hdsafebo.optimizers.core.nearest_trials import rows_near_best
 from hdsafebo.optimizers.core.proposal import Proposal
@@ -156,6 +156,11 @@ class Knowledge(ABC, Generic[S]):
     # --- what is promised
 
     @property
+    def takes_noise(self) -> bool:
+        """Whether noise that is known of single trials is used."""
+        return True
+
+    @property
     def confidence(self) -> float:
         """The beta of the safe set."""
         return self.promised_beta
@@ -264,7 +269,7 @@ class Knowledge(ABC, Generic[S]):
 
     @property
     @one_at_a_time
-    def surrogate(self) -> Surrogate:
+    def surrogate(self) -> Beliefs:
         """Gaussian processes fitted to the completed trials; reading it does not change later proposals.
 
         Raises:
@@ -273,10 +278,23 @@ class Knowledge(ABC, Generic[S]):
         """
         return self._fits.current(self._fit)
 
-    def _fit(self, start: SurrogateState | None, cache: DistanceCache) -> Surrogate:
+    def _fit(self, start: State | None, cache: DistanceCache) -> Beliefs:
         rows = self.rows_to_fit()
         if len(rows) == 0:
             raise NoSafePointError(f"{self.name} has no completed trial to fit; report data with observe")
+        return self.fit(rows, start, cache)
+
+    def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
+        """What is believed given the completed trials `rows`.
+
+        Args:
+            rows: at least one.
+            start: where the last fit ended.
+            cache: distances of earlier fits.
+
+        Raises:
+            SurrogateError: no process could be fitted.
+        """
         return fit_trials(
             self.problem,
             self.trials,
