@@ -6,8 +6,6 @@ a button that fires twice, or two open pages, cannot decide twice. `stop` needs 
 
 from __future__ import annotations
 
-import base64
-import binascii
 import json
 import threading
 from collections.abc import Callable
@@ -34,7 +32,8 @@ from hdsafebo.session.web.guard import Guard
 
 STATIC = Path(__file__).parent / "static"
 _HISTORY = 200
-_MAX_BODY = MAX_BYTES * 4 // 3 + 2**20
+_MAX_JSON = 2**20
+_FILE = "file"  # key of what follows the JSON of a request
 
 Body = dict[str, Any]
 
@@ -119,10 +118,9 @@ class Page:
     def _record(self, body: Body) -> None:
         recording = None
         if body.get("recording") is not None:
-            try:
-                content = base64.b64decode(body["recording"]["content"], validate=True)
-            except (binascii.Error, ValueError):
-                raise RecordingError("the recording was not sent whole: choose the file again") from None
+            content = body.pop(_FILE, b"")
+            if len(content) != body["recording"]["bytes"]:
+                raise RecordingError("the recording was not sent whole: choose the file again")
             recording = (content, Path(str(body["recording"]["name"])).name)
         report = Report(recording, body["values"])
         self._worker.record(body["who"], report, body["trial"], remark=body.get("remark", ""))
@@ -187,19 +185,22 @@ class Page:
 
 
 async def _read_body(request: Request) -> Body:
-    chunks, size = [], 0
+    """The JSON of a request, and the file that follows its first line: as it is, since no copy is small."""
+    content = bytearray()
     async for chunk in request.stream():
-        size += len(chunk)
-        if size > _MAX_BODY:
-            raise ProtocolError(f"more than {_MAX_BODY} bytes were sent")
-        chunks.append(chunk)
+        content += chunk
+        if len(content) > MAX_BYTES + _MAX_JSON:
+            raise ProtocolError(f"more than {MAX_BYTES + _MAX_JSON} bytes were sent")
+    end = content.find(b"\n")
+    file = b"" if end < 0 else bytes(memoryview(content)[end + 1 :])
+    del content[end if end >= 0 else len(content) :]
     try:
-        body = json.loads(b"".join(chunks))
+        body = json.loads(content)
     except (ValueError, RecursionError):
         raise ProtocolError("expected JSON") from None
     if not isinstance(body, dict) or not isinstance(body.get("who", ""), str):
         raise ProtocolError("expected a JSON object with a name as `who`")
-    return body
+    return body | {_FILE: file}
 
 
 def _svg(text: str) -> Response:

@@ -12,7 +12,8 @@ let believedOf = ""; // target and trials that the shown belief is of
 const CONTACT_TOPS = [[6, 12, 18, 24, 30, 36, 42, 48], [3, 9, 15, 21, 27, 33, 39, 45]]; // mm on the paddle
 const CONTACT_COLUMNS = [3, 9]; // drawn further apart than they are, to be hit easily
 
-async function send(step, body) {
+// A step is JSON; a file follows after the end of its line.
+async function send(step, body, file) {
   if (busy && step !== "stop") return;
   setBusy(true);
   say("");
@@ -20,7 +21,7 @@ async function send(step, body) {
     const answer = await fetch(`/api/${step}`, {
       method: "POST",
       headers: { "Content-Type": "application/json", "X-Session-Page": "1" },
-      body: JSON.stringify({ who: byId("who").value, head: seen && seen.head.hash, ...body }),
+      body: withFile({ who: byId("who").value, head: seen && seen.head.hash, ...body }, file),
     });
     const result = await answer.json();
     if (!answer.ok) say(result.error);
@@ -263,14 +264,16 @@ async function record() {
   for (const input of byId("entries").querySelectorAll("input")) if (input.value !== "") values[input.name] = input.valueAsNumber;
   const file = byId("file").files[0];
   const body = { trial: seen.running.number, values, recording: null, remark: byId("remark").value };
+  let content = null;
   try {
-    if (file) body.recording = { name: file.name, content: await base64(await present(file)) };
+    if (file) content = await present(file);
   } catch (error) {
     byId("file").value = "";
     say(`${file.name} was changed or moved since it was chosen: choose it again, then press Record.`);
     return;
   }
-  await send("record", body);
+  if (content) body.recording = { name: file.name, bytes: content.size };
+  await send("record", body, content);
 }
 
 // What the file holds now, in memory. Chromium refuses to read a file that was written to since it was chosen, but
@@ -285,13 +288,9 @@ async function present(file) {
   }
 }
 
-function base64(file) {
-  return new Promise((resolve, reject) => {
-    const reader = new FileReader();
-    reader.onload = () => resolve(reader.result.slice(reader.result.indexOf(",") + 1));
-    reader.onerror = () => reject(reader.error);
-    reader.readAsDataURL(file);
-  });
+function withFile(step, file) {
+  const json = JSON.stringify(step);
+  return file ? new Blob([json, "\n", file]) : json;
 }
 
 function showBest() {
