@@ -190,7 +190,7 @@ def test_threshold_that_no_initial_point_meets(method) -> None:
     observe_initial(made)
     with pytest.raises(NoSafePointError, match="none of the 12 completed trials meets distance >= 10"):
         made.ask(3)
-    made = method(bowl_problem(threshold=10.0))
+    made = method(bowl_problem(threshold=10.0), empty_safe_set="mark")
     observe_initial(made)
     trials = made.ask(3)
     assert len(trials) == 3

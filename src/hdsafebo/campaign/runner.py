@@ -89,7 +89,6 @@ class _Run:
         self.initial, self.candidate = self.problem.initial(self.budget.initial, spec.initial_rng())
         latent = method.space == "latent" and task.embedding is not None
         embedding = task.embedding(self.initial) if latent and task.embedding is not None else None
-        settings = settings_of(params, spec.task, spec.method)
         self.space: Space = "latent" if latent else "original"
         state = journal.state
         self.saved_rounds = 0 if state is None else state[0] + 1
@@ -101,7 +100,7 @@ class _Run:
                 embedding=embedding,
                 seed=spec.method_seed(),
                 bounds=task.latent_bounds if latent else None,
-                **(_fill_rounds(method.algorithm, settings) | settings),
+                **_fill_rounds(method.algorithm, settings_of(params, spec.task, spec.method)),
             )
         else:
             self.optimizer = load_optimizer(method.algorithm, state[1], self.problem, embedding)
@@ -264,13 +263,14 @@ def _evaluation_of(entry: Round, problem: Problem) -> Evaluation:
     return Evaluation(entry.rows["objective"], safety, entry.rows["status"] == "failed")
 
 
-def _fill_rounds(method: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """Setting of a method that could abstain and must not: methods are compared at equal numbers of trials.
+def _fill_rounds(algorithm: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings with which a method that could abstain does not.
 
-    A trial that was not believed safe is marked, and counts as what it turns out to be.
+    Methods are compared at equal numbers of trials: one that was not believed safe is marked, and counts as
+    what it turns out to be.
     """
-    kind, fixed = method_class(method)
+    kind, fixed = method_class(algorithm)
     needs_safe_trial = (
         issubclass(kind.Settings, CentreSettings) and (fixed | settings).get("start") != "centre"
     )
-    return {"empty_safe_set": "mark"} if needs_safe_trial else {}
+    return ({"empty_safe_set": "mark"} if needs_safe_trial else {}) | settings

@@ -29,7 +29,7 @@ from hdsafebo.optimizers.settings import (
 )
 from hdsafebo.problem import Codec, ContextualSet, Problem, check_problem
 from hdsafebo.search.space import SearchSpace
-from hdsafebo.trials import Trials
+from hdsafebo.trials import Trial, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
 S = TypeVar("S", bound=OptimizerSettings)
@@ -120,6 +120,10 @@ class Knowledge(ABC, Generic[S]):
         """(n, p) what the kernel measures distances between, for the points of `trials`."""
         return self.space.kernel_inputs(self.space.to_unit(trials.z))
 
+    def inputs_of(self, rows: IntArray) -> FloatArray:
+        """(k, p) `kernel_inputs` of the given rows of `trials`."""
+        return self.kernel_inputs(self.trials[rows])
+
     @property
     def noise_prior(self) -> NoisePrior:
         """What is known beforehand of the noise of all functions."""
@@ -135,7 +139,7 @@ class Knowledge(ABC, Generic[S]):
 
     def rows_to_fit(self) -> IntArray:
         """Rows of the completed trials that the surrogate is fitted to: all, or those near the best."""
-        return rows_near_best(self._ledger, self.kernel_inputs, self.model_settings.max_fitted_trials)
+        return rows_near_best(self._ledger, self.inputs_of, self.model_settings.max_fitted_trials)
 
     def begin_day(self, day: int, earlier: IntArray | None = None) -> None:
         """Trials from now on are of another day, between which outcomes drift.
@@ -187,10 +191,10 @@ class Knowledge(ABC, Generic[S]):
         """(n,) True for completed trials whose every safety value meets its threshold."""
         return self._ledger.feasible
 
-    def best(self) -> Trials | None:
-        """The feasible trial with the highest objective, as a table of one row; None when there is none."""
+    def best(self) -> Trial | None:
+        """The feasible trial with the highest objective; None when there is none."""
         row = self._ledger.best_row(self.feasible)
-        return None if row is None else self.trials[[row]]
+        return None if row is None else self.trials.one(row)
 
     def centre_row(self) -> int:
         """Row of x* of Algorithm 1, the best feasible trial; without one, that of the least violation.
@@ -277,7 +281,7 @@ class Knowledge(ABC, Generic[S]):
             self.problem,
             self.trials,
             rows,
-            kernel_inputs=self.kernel_inputs,
+            inputs_of=self.inputs_of,
             objective=self.outcomes_to_fit(rows),
             settings=self.model_settings,
             noise=self.noise_prior,

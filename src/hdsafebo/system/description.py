@@ -200,8 +200,9 @@ class _Description:
         )
 
 
-for _kind in (Real, Integer, Choice, Fixed, Objective, Limit, Linear):
-    _kind.__pydantic_config__ = ConfigDict(extra="forbid", strict=False)  # type: ignore[attr-defined]
+_PARTS: tuple[Any, ...] = (Real, Integer, Choice, Fixed, Objective, Limit, Linear)
+for _part in _PARTS:
+    _part.__pydantic_config__ = ConfigDict(extra="forbid")
 _ADAPTER: TypeAdapter[_Description] = TypeAdapter(_Description)
 
 

@@ -108,7 +108,7 @@ def fit_trials(
     trials: Trials,
     rows: IntArray,
     *,
-    kernel_inputs: Callable[[Trials], FloatArray],
+    inputs_of: Callable[[IntArray], FloatArray],
     objective: FloatArray,
     settings: ModelSettings,
     noise: NoisePrior,
@@ -122,7 +122,7 @@ def fit_trials(
         problem: of the trials.
         trials: all of them.
         rows: (k,) the completed ones to fit.
-        kernel_inputs: (n, p) what the kernel measures distances between.
+        inputs_of: gives the (k, p) kernel inputs of rows: what the kernel measures distances between.
         objective: (k,) what the objective's process is fitted to.
         settings: limits of the length scales.
         noise: prior of the noise.
@@ -132,7 +132,7 @@ def fit_trials(
     """
     fitted = trials[rows]
     surrogate = fit_surrogate(
-        kernel_inputs(fitted),
+        inputs_of(rows),
         objective,
         modelled_safety(problem.safety, fitted.safety),
         modelled_thresholds(problem.safety),
@@ -143,10 +143,10 @@ def fit_trials(
         refine=refine,
         known_noise=_known_noise(problem, fitted, np.array_equal(objective, fitted.objective)),
     )
-    failed = trials[trials.status == Status.FAILED]
+    failed = np.flatnonzero(trials.status == Status.FAILED)
     if not problem.failures_teach or len(failed) == 0:
         return surrogate
-    inputs = np.concatenate([surrogate.inputs, kernel_inputs(failed)])
+    inputs = np.concatenate([surrogate.inputs, inputs_of(failed)])
     return with_completion(surrogate, inputs, start)
 
 

@@ -133,7 +133,7 @@ class RegionSearch(LocalSearch):
         rows = self.best_first(self.own)[:CENTRES]
         if len(rows) == 0:
             return None
-        inputs = self.kernel_inputs(self.trials[rows])
+        inputs = self.optimizer.inputs_of(rows)
         believed = rows[self.surrogate.believed_safe(inputs, self.confidence)]
         if len(believed) == 0 and self.since == 0:
             return None
@@ -160,6 +160,7 @@ class SearchingOptimizer(Optimizer[S]):
     """An optimiser that leaves choosing, and what the model sees, to a search."""
 
     _search: LocalSearch | None = None
+    _features: FloatArray | None = None
 
     @abstractmethod
     def make_search(self) -> LocalSearch:
@@ -194,6 +195,21 @@ class SearchingOptimizer(Optimizer[S]):
         """What the search's kernel measures distances between."""
         return self.search.kernel_inputs(trials)
 
+    def inputs_of(self, rows: IntArray) -> FloatArray:
+        """Kernel inputs; features of an input are computed once and kept.
+
+        They are computed trial by trial: in another batch, a product of matrices may have other bits.
+        """
+        if self.problem.features is None or self.problem.candidates is not None:
+            return super().inputs_of(rows)
+        known = 0 if self._features is None else len(self._features)
+        if known < len(self.trials):
+            fresh = [self.kernel_inputs(self.trials[[i]]) for i in range(known, len(self.trials))]
+            before = [] if self._features is None else [self._features]
+            self._features = np.concatenate([*before, *fresh])
+        assert self._features is not None
+        return self._features[rows]
+
     @property
     def noise_prior(self) -> NoisePrior:
         """That of the search."""
@@ -213,6 +229,7 @@ class SearchingOptimizer(Optimizer[S]):
 
     def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take back what `method_state` gave."""
+        self._features = None  # the trials may be others
         if state:
             self.search.restore(state, arrays)
         else:
