@@ -10,6 +10,7 @@ import pyarrow as pa
 from matplotlib.colors import ListedColormap, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from hdsafebo.spinal.activating_function import along_fibres
