@@ -32,11 +32,14 @@ class Evaluation:
         objective: (n,) values to maximise; ignored where `failed`.
         safety: (n, m) one column per safety function of the problem; ignored where `failed`.
         failed: (n,) True where the evaluation gave no result; None means that all succeeded.
+        reasons: n reasons why an evaluation gave no result, None where it gave one; None means that the
+            problem gives no reasons.
     """
 
     objective: FloatArray
     safety: FloatArray
     failed: NDArray[np.bool_] | None = None
+    reasons: tuple[str | None, ...] | None = None
 
     def status(self) -> NDArray[np.uint8]:
         """(n,) `Status.COMPLETED` or `Status.FAILED`."""
@@ -128,7 +131,8 @@ class Trials:
 
     def __getitem__(self, rows: NDArray[np.bool_] | IntArray | slice | Sequence[int]) -> Trials:
         """The sub-table of the given rows (a mask, a slice or row numbers)."""
-        return Trials(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        columns = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "z"}
+        return Trials(**columns, z=columns["x"] if self.z is self.x else self.z[rows])
 
     def one(self, row: int) -> Trial:
         """The trial of a row."""

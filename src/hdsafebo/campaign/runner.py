@@ -82,6 +82,7 @@ class _Run:
 
     def __init__(self, spec: RunSpec, params: Params, task: Task, journal: RunJournal) -> None:
         method = params.methods[spec.method]
+        settings = settings_of(params, spec.task, spec.method)
         self.problem: Problem = task.problem
         self.budget = budget_of(params, spec.task)
         self.journal = journal
@@ -100,7 +101,7 @@ class _Run:
                 embedding=embedding,
                 seed=spec.method_seed(),
                 bounds=task.latent_bounds if latent else None,
-                **_fill_rounds(method.algorithm, settings_of(params, spec.task, spec.method)),
+                **(_fill_rounds(method.algorithm, settings) | settings),
             )
         else:
             self.optimizer = load_optimizer(method.algorithm, state[1], self.problem, embedding)
@@ -263,14 +264,13 @@ def _evaluation_of(entry: Round, problem: Problem) -> Evaluation:
     return Evaluation(entry.rows["objective"], safety, entry.rows["status"] == "failed")
 
 
-def _fill_rounds(algorithm: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings with which a method that could abstain does not.
+def _fill_rounds(method: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """Setting of a method that could abstain and must not: methods are compared at equal numbers of trials.
 
-    Methods are compared at equal numbers of trials: one that was not believed safe is marked, and counts as
-    what it turns out to be.
+    A trial that was not believed safe is marked, and counts as what it turns out to be.
     """
-    kind, fixed = method_class(algorithm)
+    kind, fixed = method_class(method)
     needs_safe_trial = (
         issubclass(kind.Settings, CentreSettings) and (fixed | settings).get("start") != "centre"
     )
-    return ({"empty_safe_set": "mark"} if needs_safe_trial else {}) | settings
+    return {"empty_safe_set": "mark"} if needs_safe_trial else {}

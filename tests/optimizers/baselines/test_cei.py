@@ -45,7 +45,7 @@ def test_finds_the_constrained_optimum(kind) -> None:
 
 @pytest.mark.parametrize("kind", [CeiProb, Cei])
 def test_seeks_feasibility_first(kind) -> None:
-    optimizer = kind(bowl_problem(threshold=0.2), seed=0)
+    optimizer = kind(bowl_problem(threshold=0.2), seed=0, empty_safe_set="mark")
     x = np.random.default_rng(1).uniform(0.7, 1.0, (15, 4))
     optimizer.observe(x, *optimizer.problem.function(x), initial=True)
     assert optimizer.best() is None
