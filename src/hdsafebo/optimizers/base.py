@@ -35,6 +35,7 @@ from hdsafebo.optimizers.core.proposal import Proposal, candidates_left, encode,
 from hdsafebo.optimizers.core.results import check_points, check_results, check_rows
 from hdsafebo.optimizers.settings import OptimizerSettings, check_settings
 from hdsafebo.problem import Codec, Problem, check_problem
+from hdsafebo.search.metric import Metric, kernel_metric
 from hdsafebo.search.space import SearchSpace
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray, IntArray
@@ -56,6 +57,7 @@ class Optimizer(ABC):
         Settings: its settings.
         consults_model: False for methods that never fit a Gaussian process.
         uses_initial_data: False for methods that ask for initial trials of their own.
+        uses: what a task gives and the method can use, as `problems.knowledge.Knowledge` names it.
         settings: the checked settings.
         rng: the only source of randomness.
         round: number of rounds asked so far.
@@ -69,6 +71,7 @@ class Optimizer(ABC):
     Settings: ClassVar[type[OptimizerSettings]] = OptimizerSettings
     consults_model: ClassVar[bool] = True
     uses_initial_data: ClassVar[bool] = True
+    uses: ClassVar[frozenset[str]] = frozenset({"latent_space", "kernel_features", "safety", "extra_trials"})
 
     def __init__(
         self,
@@ -86,6 +89,7 @@ class Optimizer(ABC):
         self.rng = np.random.default_rng(seed)
         self.round = 0
         self._space: SearchSpace | None = None
+        self._metric: Metric | None = None
         if bounds is not None or embedding is None:
             self._space = self.make_space(problem.bounds if bounds is None else np.asarray(bounds, float))
         self._ledger = Ledger(
@@ -118,7 +122,24 @@ class Optimizer(ABC):
 
     def kernel_inputs(self, trials: Trials) -> FloatArray:
         """(n, p) what the kernel measures distances between, for the points of `trials`."""
+        if self.problem.features is not None:
+            return np.asarray(self.problem.features(trials.x), float)
         return self.space.kernel_inputs(self.space.to_unit(trials.z))
+
+    def inputs_of(self, points: FloatArray) -> FloatArray:
+        """(k, p) what the kernel measures distances between, for (k, d) points of the unit cube."""
+        return self.space.kernel_inputs(points) if self.problem.features is None else self.metric.inputs(points)
+
+    @property
+    def metric(self) -> Metric:
+        """From the unit cube to kernel inputs.
+
+        Raises:
+            ProblemError: the problem's features are no affine map of the codes.
+        """
+        if self._metric is None:
+            self._metric = kernel_metric(self.problem, self.embedding, self.space)
+        return self._metric
 
     def believe(self, trials: Trials) -> tuple[FloatArray, FloatArray]:
         """(n,) safe probabilities and (n,) violation bounds of the points of `trials`, not yet evaluated.
@@ -364,7 +385,7 @@ class Optimizer(ABC):
         """
         from hdsafebo.optimizers.core.botorch_model import to_botorch
 
-        plain = type(self).kernel_inputs is Optimizer.kernel_inputs
+        plain = type(self).kernel_inputs is Optimizer.kernel_inputs and self.problem.features is None
         return to_botorch(self.surrogate, self.space if plain else None)
 
     # --- save and load

@@ -86,7 +86,7 @@ class HdSafeBO(Optimizer):
         length = self.region.length
         while True:
             candidates = self.space.pinned(self._candidates(centre, *self._box(centre, length)))  # line 6
-            inputs = self.space.kernel_inputs(candidates)
+            inputs = self.inputs_of(candidates)
             safe = self.surrogate.believed_safe(inputs, beta)  # lines 5 and 7
             if safe.sum() >= n or length <= self.settings.length_min or not self.settings.local:
                 break

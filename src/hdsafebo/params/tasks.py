@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from hdsafebo.params.base import Block, Count, Positive
+from hdsafebo.params.base import Block, Count, Positive, Scalar
 
 
 class Budget(Block):
@@ -60,12 +60,25 @@ class SyntheticProblem(Block):
         return self
 
 
-class SyntheticTask(Block):
+class Family(Block):
+    """What the tasks of a family share.
+
+    Attributes:
+        budget: how much is evaluated.
+        methods: that run on every task of the family.
+        tuned: settings of methods on these tasks alone, beyond those under `methods`; they were chosen on
+            seeds below 100, with about as many runs as the settings of this project's own method.
+    """
+
+    budget: Budget
+    methods: list[str]
+    tuned: dict[str, dict[str, Scalar]] = {}
+
+
+class SyntheticTask(Family):
     """The synthetic task and the methods that run on it."""
 
     problem: SyntheticProblem = SyntheticProblem()
-    budget: Budget
-    methods: list[str]
 
 
 HandSafety = Literal["landing_speed", "no_drop", "handling_speed"]
@@ -77,24 +90,32 @@ class HandProblem(Block):
     Attributes:
         handling_limit: of `handling_speed`, m/s.
         reported: safety functions that decide whether a trial was safe.
-        modelled: safety functions that the methods model.
-        modelled_local: those that hdsafebo_local and its variants model.
-        directions: directions of observations in the kernel of hdsafebo_local.
+        modelled: safety functions that the methods model in the paper's setting.
     """
 
     handling_limit: Positive = 1.0
     reported: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
     modelled: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
-    modelled_local: Annotated[list[HandSafety], Field(min_length=1)] = ["no_drop"]
+
+
+class HandInformed(Block):
+    """What differs in the informed setting of the hand.
+
+    Attributes:
+        modelled: safety functions that the methods model.
+        directions: directions of observations in the kernel.
+    """
+
+    modelled: Annotated[list[HandSafety], Field(min_length=1)] = ["no_drop"]
     directions: Count = 12
 
 
-class HandTask(Block):
-    """The hand task and the methods that run on it."""
+class HandTask(Family):
+    """The hand in the paper's setting and in the informed one, and the methods that run in both."""
 
     problem: HandProblem = HandProblem()
-    budget: Budget
-    methods: list[str]
+    informed: HandInformed = HandInformed()
+    tasks: list[Literal["hand", "hand_informed"]]
 
 
 class ScsProblem(Block):
@@ -111,13 +132,22 @@ class ScsProblem(Block):
     side: Literal["left", "right"] = "left"
 
 
-class ScsTask(Block):
-    """The stimulation tasks, one per target muscle (`scs_st`, `scs_ga`, ...)."""
+class ScsInformed(Block):
+    """What differs in the informed setting of the stimulation tasks.
+
+    Attributes:
+        components: principal components of the responses of axons that the latent space has.
+    """
+
+    components: Annotated[int, Field(ge=1, le=84)] = 16
+
+
+class ScsTask(Family):
+    """The stimulation tasks, one per target muscle and setting (`scs_st`, `scs_st_informed`, ...)."""
 
     problem: ScsProblem = ScsProblem()
-    budget: Budget
-    tasks: list[Literal["scs_il", "scs_vlrf", "scs_ta", "scs_bfgm", "scs_st", "scs_ga"]]
-    methods: list[str]
+    informed: ScsInformed = ScsInformed()
+    tasks: list[Annotated[str, Field(pattern=r"^scs_(il|vlrf|ta|bfgm|st|ga)(_informed)?$")]]
 
 
 class DigitsProblem(Block):
@@ -135,13 +165,11 @@ class DigitsProblem(Block):
     threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
 
 
-class DigitsTask(Block):
-    """The ten tasks `digits_0` ... `digits_9` and the methods that run on them."""
+class DigitsTask(Family):
+    """The tasks `digits_0` ... `digits_9` in both settings (`digits_0_informed`), and their methods."""
 
     problem: DigitsProblem = DigitsProblem()
-    budget: Budget
-    tasks: list[Annotated[str, Field(pattern=r"^digits_[0-9]$")]]
-    methods: list[str]
+    tasks: list[Annotated[str, Field(pattern=r"^digits_[0-9](_informed)?$")]]
 
 
 class Tasks(Block):

@@ -52,6 +52,7 @@ class CeiProb(Optimizer):
     """
 
     name = "cei_prob"
+    uses = frozenset({"latent_space", "safety"})  # a length scale for each searched coordinate
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

@@ -56,6 +56,7 @@ class CmaEs(Optimizer):
     Settings = CmaEsSettings
     settings: CmaEsSettings
     consults_model = False
+    uses = frozenset({"latent_space", "safety"})  # of the safety functions, the values
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

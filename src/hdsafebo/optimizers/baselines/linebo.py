@@ -46,7 +46,7 @@ class LineBO(Optimizer):
         """n points of one line."""
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
         line = self.space.pinned(self._line(centre, max(self.settings.candidates, n)))
-        inputs = self.space.kernel_inputs(line)
+        inputs = self.inputs_of(line)
         safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
         chosen = np.flatnonzero(safe)
         if len(chosen) > n:

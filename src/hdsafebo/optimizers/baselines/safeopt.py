@@ -66,7 +66,7 @@ class SafeOpt(Optimizer):
         if rows is None:
             seeds = self.space.pinned(np.clip(self.space.to_unit(self.trials.z[self.feasible]), 0.0, 1.0))
         everything = np.vstack([points, seeds])
-        inputs = self.space.kernel_inputs(everything)
+        inputs = self.inputs_of(everything)
         safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
         certified = int(safe[: len(points)].sum())
         safe[len(points) :] = True
@@ -94,7 +94,7 @@ class SafeOpt(Optimizer):
         candidates = self.problem.candidates
         if candidates is None:
             return self.space.pinned(sobol_points(self.settings.grid, self.space.dimension, rng)), None
-        total = len(candidates.features)
+        total = len(candidates)
         rows = rng.permutation(total)[: self.settings.grid]
         free = np.setdiff1d(rows, self.taken)
         if len(free) == 0:

@@ -35,6 +35,7 @@ class Scbo(Optimizer):
     """
 
     name = "scbo"
+    uses = frozenset({"latent_space", "safety"})  # a length scale for each searched coordinate
     Settings = BoxRegionSettings
     settings: BoxRegionSettings
 

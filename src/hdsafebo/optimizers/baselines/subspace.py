@@ -28,6 +28,7 @@ class SubspaceOptimizer(Optimizer):
 
     uses_initial_data: ClassVar[bool] = False
     consults_model = False
+    uses: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(
         self,

@@ -31,6 +31,7 @@ class Turbo(Optimizer):
     Settings = BoxRegionSettings
     settings: BoxRegionSettings
     consults_model = False
+    uses = frozenset({"latent_space"})
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

@@ -40,6 +40,7 @@ class LocalRandom(Optimizer):
     Settings = LocalRandomSettings
     settings: LocalRandomSettings
     consults_model = False
+    uses = frozenset({"latent_space", "safety"})  # of the safety functions, which trials were safe
 
     def propose(self, n: int) -> Proposal:
         """n steps, cut at the box."""

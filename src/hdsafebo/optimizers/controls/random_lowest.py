@@ -31,6 +31,7 @@ class RandomLowest(Optimizer):
 
     name = "random_lowest"
     consults_model = False
+    uses = frozenset({"candidate_rows"})
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

@@ -24,6 +24,7 @@ class Sobol(Optimizer):
 
     name = "sobol"
     consults_model = False
+    uses = frozenset({"latent_space", "candidate_rows"})
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -33,7 +34,7 @@ class Sobol(Optimizer):
         """The next n points of the sequence, or n rows that were not proposed yet."""
         if self.problem.candidates is not None:
             free = np.setdiff1d(
-                np.arange(len(self.problem.candidates.features)), self.taken, assume_unique=True
+                np.arange(len(self.problem.candidates)), self.taken, assume_unique=True
             )
             return Proposal(rows=self.rng.choice(free, n, replace=False))
         drawn = int((self.trials.round > 0).sum())

@@ -98,7 +98,7 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
 
 def _identity(problem: Problem) -> dict[str, Any]:
     safety = [[s.name, s.threshold, s.modelled, s.transform is not None] for s in problem.safety]
-    candidates = None if problem.candidates is None else len(problem.candidates.features)
+    candidates = None if problem.candidates is None else len(problem.candidates)
     return {"name": problem.name, "safety": safety, "candidates": candidates}
 
 

@@ -127,7 +127,7 @@ def candidates_left(problem: Problem, taken: IntArray) -> int:
     """
     if problem.candidates is None:
         return int(np.iinfo(np.int64).max)
-    total = len(problem.candidates.features)
+    total = len(problem.candidates)
     left = total - len(taken)
     if left == 0:
         raise TrialError(f"all {total} candidates of {problem.name!r} have been proposed or tried")

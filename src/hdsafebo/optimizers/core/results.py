@@ -81,7 +81,7 @@ def check_rows(problem: Problem, candidate: ArrayLike | None, n: int) -> IntArra
     Raises:
         TrialError: another shape or type, or a row that does not exist.
     """
-    total = 0 if problem.candidates is None else len(problem.candidates.features)
+    total = 0 if problem.candidates is None else len(problem.candidates)
     rows = np.full(n, -1) if candidate is None else _integers(candidate, "candidate")
     if rows.shape != (n,) or not np.issubdtype(rows.dtype, np.integer):
         raise TrialError(
