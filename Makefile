@@ -19,7 +19,7 @@ $(STAMP):
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@touch $@
 
-.PHONY: env repro test test-slow lint mlflow reference lock clean help
+.PHONY: env repro test test-slow test-fast lint mlflow reference lock clean help
 
 env: $(STAMP)  ## build the virtual environment .venv
 
@@ -33,10 +33,14 @@ test: $(STAMP)  ## run the tests (fast ones, and one small run of the whole pipe
 test-slow: $(STAMP)  ## run all tests, the long ones too
 	$(BIN)/python -m pytest -m "slow or not slow"
 
-lint: $(STAMP)  ## ruff and mypy
+test-fast: $(STAMP)  ## the tests of the mathematics and the methods: an answer in two minutes of CPU
+	$(BIN)/python -m pytest tests/gp tests/search tests/files tests/params tests/runs tests/optimizers
+
+lint: $(STAMP)  ## ruff, mypy and the layer contracts
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
 
 mlflow: $(STAMP)  ## open the MLflow UI on the local store
 	$(BIN)/mlflow ui --backend-store-uri sqlite:///mlruns.db --host 127.0.0.1 --port 5000

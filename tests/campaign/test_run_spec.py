@@ -26,7 +26,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("module", "counts"),
     [
-        ("kernel.py", True),
+        ("gp/kernel.py", True),
         ("optimizers/hdsafebo.py", True),
         ("optimizers/core/persistence.py", True),  # imported within a function
         ("problems/synthetic.py", True),

@@ -39,7 +39,8 @@ def test_safe_set_of_no_points(surrogate: Surrogate) -> None:
 
 @pytest.mark.parametrize("beta", [-2.0, 2.0])
 def test_slack_gradient_is_a_finite_difference(surrogate: Surrogate, beta: float) -> None:
-    x, step = np.random.default_rng(2).random((6, 3)), 1e-6
+    # Without noise the deviation is a difference of nearly equal numbers: a smaller step shows its rounding.
+    x, step = np.random.default_rng(2).random((6, 3)), 1e-4
     slack, gradient = surrogate.slack_with_gradient(x, beta)
     np.testing.assert_allclose(slack, surrogate.slack(x, beta), atol=1e-6)
     for i in range(3):

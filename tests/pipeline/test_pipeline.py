@@ -150,6 +150,35 @@ def test_a_change_of_one_block_reruns_exactly_its_dependants(
     assert all(any(stage.startswith(prefix) for stage in changed) for prefix in expected), changed
 
 
+@pytest.mark.parametrize(
+    ("module", "expected"),
+    [
+        ("optimizers/baselines/scbo.py", set()),  # the smoke profile does not run it
+        (
+            "optimizers/controls/sobol.py",
+            {
+                "optimize_synthetic@sobol",
+                "optimize_hand@sobol",
+                "optimize_scs@scs_st-sobol",
+                "optimize_digits@digits_3-sobol",
+            },
+        ),
+        ("spinal/solver.py", {"solve_lead_field"}),
+        ("report/page.py", {"report"}),
+    ],
+)
+def test_a_change_of_a_module_reruns_its_users_only(finished: Path, module: str, expected: set[str]) -> None:
+    path = finished / "src" / "hdsafebo" / module
+    before = path.read_text()
+    try:
+        path.write_text(before + "\n# a change\n")
+        run(finished, "dvc", "repro", "--single-item", "code")
+        assert changed_stages(finished) == expected
+    finally:
+        path.write_text(before)
+        run(finished, "dvc", "repro", "--single-item", "code")
+
+
 def test_a_damaged_output_is_noticed(finished: Path) -> None:
     path = finished / "reports" / "isometry.json"
     before = path.read_bytes()

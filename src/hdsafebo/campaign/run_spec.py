@@ -15,7 +15,8 @@ import hdsafebo
 from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.registry import method_module
 from hdsafebo.params import Budget, Params, parse_params
-from hdsafebo.pipeline.imports import used_modules
+from hdsafebo.pipeline.code import modules_behind
+from hdsafebo.pipeline.imports import ImportGraph
 from hdsafebo.pipeline.provenance import digest_file, digest_paths
 from hdsafebo.problems.registry import family_of, task_module
 
@@ -24,8 +25,8 @@ _BLOCKS = {"synthetic": (), "hand": ("hand",), "scs": ("spinal", "embeddings"), 
 # Modules that compute runs but no trial: a change of these leaves what was computed as it is.
 _INDIFFERENT_MODULES = {
     "progress.py", "errors.py",
-    "campaign/cluster.py", "campaign/errors.py", "pipeline/imports.py", "campaign/journal.py",
-    "campaign/progress.py", "pipeline/provenance.py",
+    "campaign/cluster.py", "campaign/errors.py", "campaign/journal.py", "campaign/progress.py",
+    "files/atomic.py", "pipeline/code.py", "pipeline/imports.py", "pipeline/provenance.py",
 }  # fmt: skip
 _LIBRARIES = ("numpy", "scipy", "torch", "gpytorch", "botorch", "scikit-learn", "mujoco", "numba", "cma")
 _INITIAL_STREAM, _METHOD_STREAM = 1, 2
@@ -129,21 +130,18 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
 def _code_digest(family: str, method: str) -> str:
     """Digest of the modules that compute a run: what the runner, the task and the method import."""
     package = Path(hdsafebo.__file__).parent
+    graph = ImportGraph(package.parent)
     roots = [
         package / "campaign" / "runner.py",
-        _file_of(task_module(family), package),
-        _file_of(method_module(method), package),
+        graph.file_of(task_module(family)),
+        graph.file_of(method_module(method)),
     ]
-    modules = used_modules(roots, package.parent).union(roots)
+    modules = modules_behind(roots, graph)
     return digest_paths([path for path in modules if _counts(path.relative_to(package))], package)
 
 
 def _counts(module: Path) -> bool:
     return module.parts[0] != "params" and module.as_posix() not in _INDIFFERENT_MODULES
-
-
-def _file_of(module: str, package: Path) -> Path:
-    return package.parent.joinpath(*module.split(".")).with_suffix(".py")
 
 
 def _version(library: str) -> str | None:

@@ -25,6 +25,11 @@ def embedding_names() -> tuple[str, ...]:
     return tuple(sorted(_CLASSES))
 
 
+def embedding_modules() -> list[str]:
+    """The modules that define the embeddings, each once."""
+    return sorted({f"hdsafebo.embeddings.{module}" for module, _ in _CLASSES.values()})
+
+
 def embedding_class(name: str) -> type[Embedding]:
     """Class of an embedding; UnknownNameError lists the valid names."""
     if name not in _CLASSES:

@@ -12,42 +12,73 @@ PACKAGE = "hdsafebo"
 NAMES_ONLY = {"hdsafebo.pipeline.checked_params": ("hdsafebo.optimizers", "hdsafebo.embeddings")}
 
 
-def used_modules(roots: Iterable[Path], source: Path) -> set[Path]:
-    """Files below `source` that `roots` import, directly or not, at the top or within functions.
+class ImportGraph:
+    """The imports of a package's modules; each file is read once, when it is first met.
 
     Args:
-        roots: Python files.
         source: directory that holds the package.
-
-    Raises:
-        SyntaxError: a file is no Python.
     """
-    seen: set[Path] = set()
-    pending = list(roots)
-    while pending:
-        for path in _imported(pending.pop(), source):
-            if path not in seen:
-                seen.add(path)
-                pending.append(path)
-    return seen
+
+    def __init__(self, source: Path) -> None:
+        self._source = source
+        self._imported: dict[Path, set[Path]] = {}
+        self._files: dict[str, set[Path]] = {}
+
+    def used_by(self, roots: Iterable[Path]) -> set[Path]:
+        """Files below the source that `roots` import, directly or not, at the top or within functions.
+
+        Args:
+            roots: Python files.
+
+        Raises:
+            SyntaxError: a file is no Python.
+        """
+        seen: set[Path] = set()
+        pending = list(roots)
+        while pending:
+            fresh = self._imports_of(pending.pop()) - seen
+            seen |= fresh
+            pending.extend(fresh)
+        return seen
+
+    def file_of(self, module: str) -> Path:
+        """The file of a module that is no package."""
+        return self._source.joinpath(*module.split(".")).with_suffix(".py")
+
+    def _imports_of(self, path: Path) -> set[Path]:
+        if path not in self._imported:
+            skip = NAMES_ONLY.get(self._module_name(path), ())
+            names = {
+                name
+                for name in _imported_names(ast.parse(path.read_bytes()))
+                if name.split(".")[0] == PACKAGE and not name.startswith(skip)
+            }
+            self._imported[path] = set().union(*map(self._files_of, names))
+        return self._imported[path]
+
+    def _files_of(self, name: str) -> set[Path]:
+        """The file of a module and the `__init__.py` of the packages it lies in."""
+        if name not in self._files:
+            parts = name.split(".")
+            found = {self._source.joinpath(*parts[:k], "__init__.py") for k in range(1, len(parts) + 1)}
+            found.add(self.file_of(name))
+            self._files[name] = {path for path in found if path.is_file()}
+        return self._files[name]
+
+    def _module_name(self, path: Path) -> str:
+        if not path.is_relative_to(self._source):
+            return path.stem
+        return ".".join(path.relative_to(self._source).with_suffix("").parts)
 
 
-def _imported(path: Path, source: Path) -> set[Path]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    module = _module_name(path, source)
+def _imported_names(tree: ast.AST) -> set[str]:
     names: set[str] = set()
     for node in _executed(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    skip = NAMES_ONLY.get(module, ())
-    files = set()
-    for name in names:
-        if name.split(".")[0] != PACKAGE or name.startswith(skip):
-            continue
-        files |= _files(name, source)
-    return files
+    return names
 
 
 def _executed(tree: ast.AST) -> Iterator[ast.AST]:
@@ -57,17 +88,3 @@ def _executed(tree: ast.AST) -> Iterator[ast.AST]:
             continue
         yield node
         yield from _executed(node)
-
-
-def _files(name: str, source: Path) -> set[Path]:
-    """The file of a module and the `__init__.py` of the packages it lies in."""
-    parts = name.split(".")
-    found = {source.joinpath(*parts[:k], "__init__.py") for k in range(1, len(parts) + 1)}
-    found.add(source.joinpath(*parts).with_suffix(".py"))
-    return {path for path in found if path.is_file()}
-
-
-def _module_name(path: Path, source: Path) -> str:
-    if not path.is_relative_to(source):
-        return path.stem
-    return ".".join(path.relative_to(source).with_suffix("").parts)

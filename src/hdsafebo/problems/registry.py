@@ -50,6 +50,11 @@ _FAMILIES = {
 }
 
 
+def family_names() -> list[str]:
+    """The families of tasks."""
+    return sorted(_FAMILIES)
+
+
 def family_of(task: str) -> str:
     """The family of a task: `scs_st` belongs to `scs`.
 
