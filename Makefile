@@ -56,7 +56,8 @@ lock: $(STAMP)  ## pin what is installed now into requirements.lock
 clean:  ## remove the environment, caches and outputs (the journal of runs stays)
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
-	rm -rf data/* models/* $(filter-out reports/reference,$(wildcard reports/*))
+	rm -rf $(filter-out data/README.md data/mnist,$(wildcard data/*)) $(filter-out models/README.md,$(wildcard models/*))
+	rm -rf $(filter-out reports/README.md reports/reference,$(wildcard reports/*))
 
 help:  ## this text
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## ?/\1|/' | awk -F'|' '{printf "  make %-10s %s\n", $$1, $$2}'

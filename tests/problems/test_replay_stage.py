@@ -68,8 +68,9 @@ def stage(tmp_path: Path) -> Stage:
         }
         metadata = {b"hdsafebo": json.dumps({"method": method, "space": "latent"}).encode()}
         table = pa.table(columns).replace_schema_metadata(metadata)
-        pq.write_table(table, tmp_path / f"data/runs/hand-{method}.parquet")
-    params = SimpleNamespace(hand=HAND, tasks=SimpleNamespace(hand=SimpleNamespace(methods=list(RUNS))))
+        pq.write_table(table, tmp_path / f"data/runs/hand_informed-{method}.parquet")
+    task = SimpleNamespace(tasks=["hand", "hand_informed"], methods=list(RUNS))
+    params = SimpleNamespace(hand=HAND, tasks=SimpleNamespace(hand=task))
     tracker = Tracker("replay_policies", {}, tmp_path, enabled=False)
     return Stage("replay_policies", params, tmp_path, Namespace(), tracker)  # type: ignore[arg-type]
 

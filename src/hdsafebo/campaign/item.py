@@ -9,9 +9,9 @@ from typing import Any
 from hdsafebo.campaign.executor import execute
 from hdsafebo.campaign.journal import make_durable_directory
 from hdsafebo.campaign.progress import ProgressWatcher
-from hdsafebo.campaign.run_spec import RunSpec, budget_of
+from hdsafebo.campaign.run_spec import RunSpec, budget_of, settings_of
 from hdsafebo.campaign.runner import RunResult, run
-from hdsafebo.errors import JournalError, ParamsError
+from hdsafebo.errors import JournalError
 from hdsafebo.params import Params
 from hdsafebo.pipeline.tracking import Tracker
 from hdsafebo.problems.registry import family_of
@@ -46,11 +46,9 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         HdSafeBOError: what a run raised.
     """
     budget = budget_of(params, task)
-    if method not in params.methods:
-        raise ParamsError(f"methods: no block {method!r}; it has {', '.join(sorted(params.methods))}")
+    settings = settings_of(params, task, method)
     seeds = list(budget.seeds_for(method))
     plain = params.model_dump(mode="json")
-    settings = plain["methods"][method]
     block = plain["tasks"][family_of(task)]
     tracker.place(
         experiment=task,

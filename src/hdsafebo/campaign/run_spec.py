@@ -18,7 +18,7 @@ from hdsafebo.params import Budget, Params, parse_params
 from hdsafebo.pipeline.code import modules_behind
 from hdsafebo.pipeline.imports import ImportGraph
 from hdsafebo.pipeline.provenance import digest_file, digest_paths
-from hdsafebo.problems.registry import family_of, task_module
+from hdsafebo.problems.registry import family_of, is_informed, task_module
 
 # Blocks of params.yaml that a family of tasks reads, beside its own block under `tasks`.
 _BLOCKS = {"synthetic": (), "hand": ("hand",), "scs": ("spinal", "embeddings"), "digits": ("digits",)}
@@ -89,6 +89,18 @@ def budget_of(params: Params, task: str) -> Budget:
     return budget
 
 
+def settings_of(params: Params, task: str, method: str) -> dict[str, Any]:
+    """Settings of a method on a task: those under `methods`, and above them those tuned for the family.
+
+    Raises:
+        ParamsError: `methods` has no block for the method.
+    """
+    if method not in params.methods:
+        raise ParamsError(f"methods: no block {method!r}; it has {', '.join(sorted(params.methods))}")
+    tuned: dict[str, dict[str, Any]] = getattr(params.tasks, family_of(task)).tuned
+    return params.methods[method] | tuned.get(method, {})
+
+
 def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[str, Any]:
     """Everything that determines the trials of a run, as plain data.
 
@@ -102,6 +114,10 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
     """
     plain = params.model_dump(mode="json")
     budget = budget_of(params, spec.task)
+    block = plain["tasks"][family_of(spec.task)]
+    problem = block["problem"]
+    if is_informed(spec.task):
+        problem = problem | {"informed": block.get("informed", {})}
     files = {}
     for name in inputs:
         path = Path(spec.root) / name
@@ -117,8 +133,8 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
         "initial": budget.initial,
         "trials": budget.trials,
         "batch": budget.batch,
-        "problem": plain["tasks"][family_of(spec.task)]["problem"],
-        "settings": plain["methods"][spec.method],
+        "problem": problem,
+        "settings": settings_of(params, spec.task, spec.method),
         "blocks": {name: plain[name] for name in _BLOCKS[family_of(spec.task)]},
         "inputs": files,
         "code": _code_digest(family_of(spec.task), spec.method),

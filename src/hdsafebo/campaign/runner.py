@@ -18,7 +18,7 @@ import numpy as np
 
 from hdsafebo.campaign.progress import Beacon
 from hdsafebo.campaign.rounds import Round, RunJournal, points_digest
-from hdsafebo.campaign.run_spec import RunSpec, budget_of, identity_of
+from hdsafebo.campaign.run_spec import RunSpec, budget_of, identity_of, settings_of
 from hdsafebo.errors import JournalError, NoSafePointError, SurrogateError
 from hdsafebo.gp.safe_set import alpha_of
 from hdsafebo.optimizers.base import Optimizer
@@ -63,11 +63,11 @@ def run(spec: RunSpec) -> RunResult:
         HdSafeBOError: what the task or the method raise.
     """
     params = spec.checked_params()
-    task = make_task(spec.task, params, method=spec.method, seed=spec.seed, root=Path(spec.root))
+    task = make_task(spec.task, params, seed=spec.seed, root=Path(spec.root))
     identity = identity_of(spec, params, task.inputs)
     with RunJournal(spec.journal, spec.name, identity) as journal:
         if journal.outcome is None:
-            settings = params.methods[spec.method]
+            settings = settings_of(params, spec.task, spec.method)
             _Run(spec, task, settings, budget_of(params, spec.task), journal).finish()
         assert journal.outcome is not None
         rows = join_rows([entry.rows for entry in journal.rounds])
@@ -81,6 +81,7 @@ class _Run:
         self, spec: RunSpec, task: Task, settings: dict[str, Any], budget: Budget, journal: RunJournal
     ) -> None:
         self.problem: Problem = task.problem
+        self.knowledge = task.knowledge
         self.budget = budget
         self.journal = journal
         self.beacon = Beacon(spec)
@@ -252,6 +253,8 @@ class _Run:
             "optimum": self.problem.optimum,
             "space": self.space,
             "dimension": int(self.optimizer.trials.z.shape[1]),
+            "given": self.knowledge.given(),
+            "unused": self.knowledge.unused(kind.uses, original=self.space == "original"),
         }
 
 

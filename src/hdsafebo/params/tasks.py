@@ -115,7 +115,7 @@ class HandTask(Family):
 
     problem: HandProblem = HandProblem()
     informed: HandInformed = HandInformed()
-    tasks: list[Literal["hand", "hand_informed"]]
+    tasks: Annotated[list[Literal["hand", "hand_informed"]], Field(min_length=1)] = ["hand", "hand_informed"]
 
 
 class ScsProblem(Block):
@@ -154,14 +154,12 @@ class DigitsProblem(Block):
     """What makes an image valid.
 
     Attributes:
-        temperature: of the predictor's softmax. The paper divides by 200 the outputs of a network whose
-            scale it does not publish, because its probabilities are nearly all 0 or 1. Two is what this
-            predictor needs: 96 % of the 8 x 8 images then have a probability between 0.01 and 0.99 (29 %
-            without), and 97 % are valid at a threshold of 0.5; at 10 none is.
+        temperature: of the predictor's softmax, 200 in the paper; `problems/digit_predictor.py` says on which
+            scale its outputs are.
         threshold: least probability of a valid image.
     """
 
-    temperature: Positive = 2.0
+    temperature: Positive = 200.0
     threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -68,6 +68,9 @@ class RunMeta(BaseModel):
         counts: one per run, in the same order; none where the file does not tell.
         space: whether the method searched the codes of an embedding or the problem's own inputs.
         dimension: number of searched coordinates.
+        settings: of the method.
+        given: what the task gave, by name, see `problems.knowledge`.
+        unused: names of what was given and the method does not use.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
@@ -86,6 +89,9 @@ class RunMeta(BaseModel):
     counts: list[RunCounts] = []
     space: Literal["latent", "original"]
     dimension: int
+    settings: dict[str, Any] = {}
+    given: dict[str, str] = {}
+    unused: list[str] = []
 
 
 @dataclass(frozen=True)

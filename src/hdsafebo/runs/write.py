@@ -92,6 +92,8 @@ class RunMetadata:
         counts: one per run, in the same order.
         space: what is searched, 'latent' or 'original'.
         dimension: number of searched coordinates.
+        given: what the task gave, by name, see `problems.knowledge`.
+        unused: names of what was given and this method does not use.
     """
 
     task: str
@@ -110,6 +112,8 @@ class RunMetadata:
     counts: list[RunCounts]
     space: str
     dimension: int
+    given: Mapping[str, str]
+    unused: list[str]
 
 
 def safety_columns(problem: Problem) -> list[str]:

@@ -124,6 +124,7 @@ class HdSafeBOLocal(Optimizer):
     name = "hdsafebo_local"
     Settings = HdSafeBOLocalSettings
     settings: HdSafeBOLocalSettings
+    uses = Optimizer.uses | {"candidate_rows"}
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
