@@ -207,7 +207,8 @@ def test_codes_of_responses_stand_for_rows(rows: StimulationSet) -> None:
     some = np.random.default_rng(4).choice(len(rows), 5, replace=False)
     maps = rows.inputs(some)
     np.testing.assert_array_equal(codec.encode(maps), codec.codes[some])
-    np.testing.assert_array_equal(codec.decode(codec.codes[some]), maps)
+    # a configuration and its reverse have the same responses, so another row of the same code may come back
+    np.testing.assert_array_equal(codec.encode(codec.decode(codec.codes[some])), codec.codes[some])
     np.testing.assert_array_equal(codec.encode(np.repeat(maps[:1], 2, axis=0))[0], codec.codes[some[0]])
     assert 0.9 < codec.share < 1
     spread = codec.codes.var(axis=0).sum() / rows.features.var(axis=0).sum()

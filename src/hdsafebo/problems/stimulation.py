@@ -96,7 +96,7 @@ class StimulationSet:
 class ResponseCodec:
     """The informed latent space: principal components of the responses of axons; implements `problem.Codec`.
 
-    A code stands for the row whose code is nearest.
+    A code stands for a row whose code is nearest; a configuration and its reverse have the same code.
 
     Args:
         rows: the set, with responses as features.
