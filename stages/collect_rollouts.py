@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from hdsafebo.campaign.executor import execute
 from hdsafebo.errors import RenderingUnavailableError
-from hdsafebo.hand.activations import (
+from hdsafebo.hand.render import pictures, record_video, save_png
+from hdsafebo.hand.rollout import Scene
+from hdsafebo.hand.training.activations import (
     Agent,
     activation_table,
     agents_of,
@@ -25,10 +27,8 @@ from hdsafebo.hand.activations import (
     explore,
     learning_curve,
 )
-from hdsafebo.hand.actor import save_actors
-from hdsafebo.hand.render import pictures, record_video, save_png
-from hdsafebo.hand.rollout import Scene
-from hdsafebo.hand.train import PROGRESS_STEPS, SacSettings, Trained, Training, train_agent
+from hdsafebo.hand.training.actor import save_actors
+from hdsafebo.hand.training.train import PROGRESS_STEPS, SacSettings, Trained, Training, train_agent
 from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.progress import Advance, progress
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 
 from hdsafebo.pipeline.stage import Stage, run_stage
-from hdsafebo.spinal.anatomy import Anatomy
-from hdsafebo.spinal.conductivity import conductivity_table, cord_conductivity
 from hdsafebo.spinal.figures import activating_figure, bipole, mesh_figure, potential_figure, save_figure
-from hdsafebo.spinal.lead_field import as_lead_field, cord_contacts, solve
-from hdsafebo.spinal.mesh import cord_mesh
+from hdsafebo.spinal.finite_elements.lead_field import as_lead_field, cord_contacts, solve
+from hdsafebo.spinal.geometry.anatomy import Anatomy
+from hdsafebo.spinal.geometry.conductivity import conductivity_table, cord_conductivity
+from hdsafebo.spinal.geometry.mesh import cord_mesh
+from hdsafebo.spinal.geometry.section import EdgeLengths, cord_section
 from hdsafebo.spinal.muscles import districts
-from hdsafebo.spinal.section import EdgeLengths, cord_section
 
 _SHOWN_BIPOLE = (12, 14)  # cathode and anode of the pictures, on the medial column
 

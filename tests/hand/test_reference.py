@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.model import hand_model
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.reference import Difficulty, behaviour_map, load_moment, observation_moment, save_moment
 from hdsafebo.hand.rollout import Episodes, Scene, episode
+from hdsafebo.hand.scene.model import hand_model
 
 SCENE = Scene("forearm", horizon=10)
 

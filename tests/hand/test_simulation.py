@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.model import hand_model
+from hdsafebo.hand.scene.model import hand_model
+from hdsafebo.hand.scene.start_pose import BOTTLE_HEIGHT
 from hdsafebo.hand.simulation import DROP_HEIGHT, BottleSimulation, Step
-from hdsafebo.hand.start_pose import BOTTLE_HEIGHT
 
 FREE_FALL = np.sqrt(2 * 9.81 * (BOTTLE_HEIGHT - DROP_HEIGHT))
 

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from hdsafebo.errors import DatasetError, HandModelError
-from hdsafebo.hand.model import hand_model
 from hdsafebo.hand.rollout import Scene
+from hdsafebo.hand.scene.model import hand_model
 from hdsafebo.hand.synergies import (
     Synergies,
     fit_synergies,

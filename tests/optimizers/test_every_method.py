@@ -69,7 +69,9 @@ def advance(optimizer: Optimizer, n: int, rounds: int = 1) -> Trials:
 
 def make(name: str, problem: FunctionProblem, *, seed: int = 0, initial: int = 12, **more) -> Optimizer:
     """A method with its initial data, from outside or its own."""
-    optimizer = make_optimizer(name, problem, seed=seed, **SMALL.get(METHODS[name].module, {}), **more)
+    optimizer = make_optimizer(
+        name, problem, seed=seed, **SMALL.get(METHODS[name].module.rpartition(".")[2], {}), **more
+    )
     if getattr(optimizer, "uses_initial_data", True):
         observe_initial(optimizer, initial)
     else:

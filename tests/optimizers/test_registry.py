@@ -10,7 +10,6 @@ from hdsafebo.optimizers.registry import METHODS, make_optimizer, method_class, 
 from hdsafebo.problems.knowledge import Knowledge
 from optimizers.toy import Halving, bowl_problem, observe_initial, rows_problem
 
-
 METHODS_WITH_VARIANTS = ("linebo", "linebo_lower", "cei", "cei_botorch", "cei_prob", "cei_prob_botorch")
 
 
@@ -46,7 +45,9 @@ def test_ablations_are_settings_of_the_same_class() -> None:
 
 
 def test_baselines_have_the_papers_settings_and_variants_beside_them() -> None:
-    settings = {name: make_optimizer(name, bowl_problem()).settings.model_dump() for name in METHODS_WITH_VARIANTS}
+    settings = {
+        name: make_optimizer(name, bowl_problem()).settings.model_dump() for name in METHODS_WITH_VARIANTS
+    }
     assert (settings["linebo"]["beta"], settings["linebo_lower"]["beta"]) == (2.0, -2.0)
     for name in ("cei", "cei_prob"):
         assert (settings[name]["kernel"], settings[f"{name}_botorch"]["kernel"]) == ("matern52", "rbf")

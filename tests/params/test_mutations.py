@@ -97,10 +97,11 @@ def dumped(data: Any) -> str:
 
 
 def names_the_edit(message: str, edit: Edit) -> bool:
-    """The key, or the block that it is in: a rule over several keys is reported by its block."""
+    """The key, its block, or a key of what was put in: a rule over several keys is reported by its block."""
     _, place, value = edit
     keys = [key for key in place if isinstance(key, str)]
-    return any(key in message for key in [*keys[-2:], str(value)])
+    within = [repr(key) for key in value] if isinstance(value, dict) else []
+    return any(key in message for key in [*keys[-2:], str(value), *within])
 
 
 def check(path: Path, text: str, edits: list[Edit], *, through_file: bool) -> bool:

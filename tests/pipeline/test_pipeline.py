@@ -163,7 +163,7 @@ def test_a_change_of_one_block_reruns_exactly_its_dependants(
                 "optimize_digits@digits_3-sobol",
             },
         ),
-        ("spinal/solver.py", {"solve_lead_field"}),
+        ("spinal/finite_elements/solver.py", {"solve_lead_field"}),
         ("report/page.py", {"report"}),
     ],
 )

@@ -175,7 +175,9 @@ def root(tmp_path_factory: pytest.TempPathFactory, values: tuple[np.ndarray, np.
     return directory
 
 
-def test_the_papers_setting_gives_codes_and_the_informed_one_responses(root: Path, project_root: Path) -> None:
+def test_the_papers_setting_gives_codes_and_the_informed_one_responses(
+    root: Path, project_root: Path
+) -> None:
     params = load_params(project_root / "params.yaml")
     paper, informed = (make_task(name, params, seed=0, root=root) for name in ("scs_st", "scs_st_informed"))
     assert (paper.problem.name, informed.problem.name) == ("scs_st", "scs_st_informed")

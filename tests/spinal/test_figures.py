@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hdsafebo.spinal.anatomy import Anatomy
 from hdsafebo.spinal.dataset import to_table
 from hdsafebo.spinal.figures import (
     activating_figure,
@@ -16,7 +15,8 @@ from hdsafebo.spinal.figures import (
     save_figure,
     selectivity_figure,
 )
-from hdsafebo.spinal.lead_field import LeadField
+from hdsafebo.spinal.finite_elements.lead_field import LeadField
+from hdsafebo.spinal.geometry.anatomy import Anatomy
 from hdsafebo.spinal.muscles import districts
 from hdsafebo.spinal.traversal import Traversal
 

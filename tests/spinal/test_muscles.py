@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import AnatomyError, UnknownNameError
-from hdsafebo.spinal.anatomy import Anatomy
+from hdsafebo.spinal.geometry.anatomy import Anatomy
 from hdsafebo.spinal.muscles import MUSCLES, districts, neighbours, safety, selectivity
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from hdsafebo.errors import AnatomyError, DatasetError
 from hdsafebo.spinal.activating_function import ActivatingFunction
-from hdsafebo.spinal.anatomy import Anatomy
 from hdsafebo.spinal.calibration import calibrate, saturating_rank
 from hdsafebo.spinal.configurations import current_shares, enumerate_configurations
+from hdsafebo.spinal.geometry.anatomy import Anatomy
 from hdsafebo.spinal.muscles import MUSCLES, districts
 from hdsafebo.spinal.traversal import Traversal, traverse
 

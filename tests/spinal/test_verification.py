@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hdsafebo.spinal.activating_function import potential_on_fibres
-from hdsafebo.spinal.reference_cylinder import LayeredCylinder
-from hdsafebo.spinal.section import EdgeLengths
+from hdsafebo.spinal.finite_elements.reference_cylinder import LayeredCylinder
+from hdsafebo.spinal.geometry.section import EdgeLengths
 from hdsafebo.spinal.verification import Errors, cylinder_errors, cylinder_field
 
 CYLINDER = LayeredCylinder()

@@ -11,7 +11,7 @@ from hdsafebo.campaign.journal import make_durable_directory
 from hdsafebo.campaign.progress import ProgressWatcher
 from hdsafebo.campaign.run_spec import RunSpec, budget_of, settings_of
 from hdsafebo.campaign.runner import RunResult, run
-from hdsafebo.errors import JournalError
+from hdsafebo.errors import JournalError, ParamsError
 from hdsafebo.params import Params
 from hdsafebo.pipeline.tracking import Tracker
 from hdsafebo.problems.registry import family_of
@@ -46,9 +46,11 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         HdSafeBOError: what a run raised.
     """
     budget = budget_of(params, task)
-    settings = settings_of(params, task, method)
+    if method not in params.methods:
+        raise ParamsError(f"methods: no block {method!r}; it has {', '.join(sorted(params.methods))}")
     seeds = list(budget.seeds_for(method))
     plain = params.model_dump(mode="json")
+    settings = settings_of(params, task, method)
     block = plain["tasks"][family_of(task)]
     tracker.place(
         experiment=task,

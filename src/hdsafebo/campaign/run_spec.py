@@ -15,6 +15,7 @@ import hdsafebo
 from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.registry import method_module
 from hdsafebo.params import Budget, Params, parse_params
+from hdsafebo.params.base import MethodSettings
 from hdsafebo.pipeline.code import modules_behind
 from hdsafebo.pipeline.imports import ImportGraph
 from hdsafebo.pipeline.provenance import digest_file, digest_paths
@@ -89,16 +90,10 @@ def budget_of(params: Params, task: str) -> Budget:
     return budget
 
 
-def settings_of(params: Params, task: str, method: str) -> dict[str, Any]:
-    """Settings of a method on a task: those under `methods`, and above them those tuned for the family.
-
-    Raises:
-        ParamsError: `methods` has no block for the method.
-    """
-    if method not in params.methods:
-        raise ParamsError(f"methods: no block {method!r}; it has {', '.join(sorted(params.methods))}")
-    tuned: dict[str, dict[str, Any]] = getattr(params.tasks, family_of(task)).tuned
-    return params.methods[method] | tuned.get(method, {})
+def settings_of(params: Params, task: str, method: str) -> MethodSettings:
+    """Settings of a method on a task: those on all tasks, and those of the task's family."""
+    family = getattr(params.tasks, family_of(task))
+    return params.methods[method] | family.settings.get(method, {})
 
 
 def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[str, Any]:

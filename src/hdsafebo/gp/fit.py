@@ -19,14 +19,20 @@ from hdsafebo.gp.outcomes import Outcomes
 from hdsafebo.typing import FloatArray
 
 _LENGTH_SPREAD = 2.0
+"""Standard deviation of the log length scale: wide, so that a few dozen trials outweigh it."""
 _FIRST_STEPS = (0.35, 1.0)
+"""Of the first parabola in log length scale and log noise ratio: about half a step of the grid."""
 _STEPS = (0.05, 0.5)
+"""Limits of later steps: small enough to settle, never so small that the parabola is rounding."""
 _GRID = 15
+"""Length scales of a scan: over limits of a factor of 600, neighbours differ by a factor of 1.6."""
 _THOROUGH_FITS = 3
 _THOROUGH_EVERY = 10
+"""The first fits and every tenth scan: few trials leave several maxima, and a warm start stays in its own."""
 _PSEUDO = 2.0
 """The signal variance is drawn to one (of standardised outcomes) with the weight of two observations."""
 _JITTERS = (0.0, 1e-8, 1e-6, 1e-4, 1e-2)
+"""Tried in this order, so that the diagonal grows by no more than the factorisation needs."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +107,7 @@ def fit_gaussian_process(
         search.scan(np.log(start.noise_ratio))
     else:
         search.try_at(np.log(start.length_scale), np.log(start.noise_ratio))
+    # Axis by axis: the two are nearly independent near the maximum, and the next fit goes on from here.
     steps = tuple(search.improve(axis) for axis in (0, 1)) if refine else search.start.steps
     best = search.best
     if best is None:
@@ -224,10 +231,12 @@ class _Search:
         if failed:
             return None
         half = solve_triangular(factor, self.columns, lower=True, check_finite=False)
+        # With L^-1 y and L^-1 1 at hand, mean (generalised least squares) and variance are closed forms.
         mean = float(half[:, 0] @ half[:, 1] / (half[:, 1] @ half[:, 1]))
         residual = half[:, 0] - mean * half[:, 1]
         variance = float((residual @ residual + _PSEUDO) / (n + _PSEUDO))
         density = -0.5 * (n + _PSEUDO) * np.log(variance) - np.log(np.diag(factor)).sum()
+        # Log-normal priors keep apart what few data cannot: a long scale with noise, a short one without.
         density -= 0.5 * ((theta[0] - np.log(self.start.reference)) / _LENGTH_SPREAD) ** 2
         density -= 0.5 * ((theta[1] - np.log(self.noise.mode)) / self.noise.spread) ** 2
         if not np.isfinite(density):

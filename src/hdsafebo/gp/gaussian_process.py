@@ -18,6 +18,7 @@ from hdsafebo.gp.outcomes import Outcomes
 from hdsafebo.typing import FloatArray
 
 _LEAST_VARIANCE = 1e-10
+"""Of the prior's: what rounding leaves of 1 - k' K^-1 k at a point of the data."""
 _FAST_ERROR = 3e-8
 """Largest error of `fast_distances`, over the norms: the square root of a few units of rounding."""
 _TOLERATED_ERROR = 1e-3

@@ -11,7 +11,9 @@ from scipy.stats import rankdata
 from hdsafebo.typing import FloatArray
 
 _OUTLIER = 20.0
+"""Scales beyond which values are drawn in: far outside what a Gaussian process can be asked to explain."""
 _TAIL = 0.05
+"""Share cut off at each end before centre and scale are taken: one absurd value in twenty changes neither."""
 _LARGEST = 1e140
 """Values beyond count as this one: squares and variances stay finite numbers."""
 
@@ -32,8 +34,10 @@ class Outcomes:
     def of(cls, y: FloatArray) -> Outcomes:
         """Standardisation of the (n,) values."""
         y = np.clip(y, -_LARGEST, _LARGEST)
+        # Of one or two values none may be cut; of three, the median is left.
         tail = int(np.ceil(_TAIL * len(y))) if len(y) > 2 else 0
         central = np.sort(y)[tail : len(y) - tail]
+        # Where the central values are all equal (a plateau), the scale of all of them is used.
         for values in (central, y):
             centre, scale = float(np.mean(values)), float(np.std(values))
             if scale > 1e-12 * max(abs(centre), 1e-280):

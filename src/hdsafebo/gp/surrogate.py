@@ -206,6 +206,7 @@ def fit_surrogate(
         )
         for y, s in zip(outcomes, starts, strict=True)
     ]
+    # A threshold goes through the same drawing-in as the values, so that it keeps its place among them.
     shown = [
         float(gp.outcomes.restore(gp.outcomes.standardise(np.array(h))))
         for gp, h in zip(processes[1:], thresholds, strict=True)

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.hand.model import Variant, hand_model
+from hdsafebo.hand.scene.model import Variant, hand_model
 from hdsafebo.hand.simulation import HORIZON, BottleSimulation
 
 ENVIRONMENT_ID = "hdsafebo/BottleHand-v0"

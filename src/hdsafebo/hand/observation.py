@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import UnknownNameError
-from hdsafebo.hand.bottle import BOTTLE
-from hdsafebo.hand.model import PALM_BODIES, HandModel
+from hdsafebo.hand.scene.bottle import BOTTLE
+from hdsafebo.hand.scene.model import PALM_BODIES, HandModel
 
 FloatArray = NDArray[np.float64]
 

@@ -18,9 +18,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.model import HandModel
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.rollout import Episodes, Scene, episode
+from hdsafebo.hand.scene.model import HandModel
 
 FloatArray = NDArray[np.float64]
 TRIVIAL_SHARE = 0.05

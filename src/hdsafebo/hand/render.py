@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import RenderingUnavailableError
-from hdsafebo.hand.bottle import BOTTLE
 from hdsafebo.hand.rollout import Scene
+from hdsafebo.hand.scene.bottle import BOTTLE
 
 Picture = NDArray[np.uint8]
 

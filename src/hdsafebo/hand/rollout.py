@@ -16,8 +16,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.hand.model import Variant, hand_model
 from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.scene.model import Variant, hand_model
 from hdsafebo.hand.simulation import HORIZON, BottleSimulation, Step
 
 FloatArray = NDArray[np.float64]

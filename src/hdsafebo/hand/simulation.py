@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.bottle import BOTTLE, BOTTLE_SHAPE
-from hdsafebo.hand.model import FOREARM_SHAPES, HandModel
 from hdsafebo.hand.observation import CONTROL_INTERVAL, Observer, tilt
 from hdsafebo.hand.reward import Reward
-from hdsafebo.hand.start_pose import placed_model, reset, start_pose
+from hdsafebo.hand.scene.bottle import BOTTLE, BOTTLE_SHAPE
+from hdsafebo.hand.scene.model import FOREARM_SHAPES, HandModel
+from hdsafebo.hand.scene.start_pose import placed_model, reset, start_pose
 
 FloatArray = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from hdsafebo.errors import DatasetError, HandModelError
-from hdsafebo.hand.model import HandModel
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.rollout import Scene
+from hdsafebo.hand.scene.model import HandModel
 
 FloatArray = NDArray[np.float64]
 INDEX_COLUMNS = ("episode", "step")

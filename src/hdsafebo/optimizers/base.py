@@ -61,6 +61,7 @@ class Optimizer(ABC):
         settings: the checked settings.
         rng: the only source of randomness.
         round: number of rounds asked so far.
+        elsewhere: rows of the candidate set that are under evaluation elsewhere.
 
     Raises:
         ProblemError: the problem or the box is ill-posed.
@@ -95,7 +96,7 @@ class Optimizer(ABC):
         self._ledger = Ledger(
             problem, problem.bounds.shape[1] if self._space is None else self._space.dimension
         )
-        self._elsewhere: IntArray = np.empty(0, np.int64)
+        self.elsewhere: IntArray = np.empty(0, np.int64)
         self._fits = Fits()
 
     # --- what a method provides
@@ -128,7 +129,9 @@ class Optimizer(ABC):
 
     def inputs_of(self, points: FloatArray) -> FloatArray:
         """(k, p) what the kernel measures distances between, for (k, d) points of the unit cube."""
-        return self.space.kernel_inputs(points) if self.problem.features is None else self.metric.inputs(points)
+        return (
+            self.space.kernel_inputs(points) if self.problem.features is None else self.metric.inputs(points)
+        )
 
     @property
     def metric(self) -> Metric:
@@ -140,6 +143,20 @@ class Optimizer(ABC):
         if self._metric is None:
             self._metric = kernel_metric(self.problem, self.embedding, self.space)
         return self._metric
+
+    def begin_day(  # noqa: B027 (a method may know of no drift)
+        self, day: int, earlier: IntArray | None = None
+    ) -> None:
+        """Trials from now on are of another day, between which outcomes drift.
+
+        Args:
+            day: number of the day.
+            earlier: (n,) days of all trials so far; None keeps what is known of them.
+        """
+
+    def in_units(self, mean: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(k,) predictions of the objective's model, mean and deviation, in units of the objective."""
+        return mean, deviation
 
     def believe(self, trials: Trials) -> tuple[FloatArray, FloatArray]:
         """(n,) safe probabilities and (n,) violation bounds of the points of `trials`, not yet evaluated.
@@ -175,7 +192,7 @@ class Optimizer(ABC):
         """
         if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
             raise TrialError(f"n is {n!r}; expected a whole number of trials, at least 1")
-        self._elsewhere = np.empty(0, np.int64) if pending is None else pending.candidate
+        self.elsewhere = np.empty(0, np.int64) if pending is None else pending.candidate
         generator, remembered = self.rng.bit_generator.state, deepcopy(self.method_state())
         try:
             trials = self._pending(self.propose(min(int(n), candidates_left(self.problem, self.taken))))
@@ -324,8 +341,12 @@ class Optimizer(ABC):
     @property
     def taken(self) -> IntArray:
         """Rows of the candidate set that were proposed or evaluated, or are under evaluation elsewhere."""
-        rows = np.concatenate([self.trials.candidate, self._elsewhere])
+        rows = np.concatenate([self.trials.candidate, self.elsewhere])
         return np.unique(rows[rows >= 0])
+
+    def refit(self) -> None:
+        """Fit the surrogate anew when it is next needed: what it is fitted to has changed."""
+        self._fits.forget()
 
     @property
     def surrogate(self) -> Surrogate:

@@ -134,7 +134,9 @@ class HdSafeBO(Optimizer):
             return self.space.metric
         matrix = self.metric.matrix
         lengths = np.abs(matrix) if matrix.ndim == 1 else np.linalg.norm(matrix, axis=0)
-        return np.maximum(lengths, np.finfo(float).tiny)  # what no feature sees may move as far as the box goes
+        return np.maximum(
+            lengths, np.finfo(float).tiny
+        )  # what no feature sees may move as far as the box goes
 
     def _candidates(self, centre: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
         """(k, d) points of the box, among which line 8 maximises."""

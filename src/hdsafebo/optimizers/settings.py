@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -76,9 +76,17 @@ def check_settings(kind: type[S], method: str, values: Mapping[str, Any]) -> S:
 def _explain(kind: type[OptimizerSettings], method: str, error: Any) -> str:
     key = ".".join(str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
-        valid = ", ".join(sorted(kind.model_fields))
+        valid = ", ".join(_valid(kind, error["loc"]))
         return f"method {method!r}: unknown setting {key!r}; valid settings: {valid}"
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "value_error":
         return f"method {method!r}: {message}"
     return f"method {method!r}: setting {key!r}: {message}, got {error['input']!r}"
+
+
+def _valid(kind: type[BaseModel], loc: tuple[str | int, ...]) -> list[str]:
+    """Names of the settings beside the one at `loc`: those of all, or of the block that it stands in."""
+    for name in loc[:-1]:
+        annotation = kind.model_fields[str(name)].annotation
+        kind = next(t for t in (annotation, *get_args(annotation)) if isinstance(t, type))
+    return sorted(kind.model_fields)

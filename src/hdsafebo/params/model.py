@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from hdsafebo.params.base import Block, Count, Scalar
+from hdsafebo.params.base import Block, Count, MethodSettings
 from hdsafebo.params.embeddings import Digits, Embeddings, Isometry
 from hdsafebo.params.hand import Hand
 from hdsafebo.params.spinal import Spinal
@@ -57,7 +57,7 @@ class Params(Block):
     isometry: Isometry = Isometry()
     digits: Digits = Digits()
     tasks: Tasks
-    methods: dict[str, dict[str, Scalar]]
+    methods: dict[str, MethodSettings]
     compute: Compute = Compute()
     tracking: Tracking = Tracking()
     report: Report = Report()
@@ -75,10 +75,11 @@ class Params(Block):
     @model_validator(mode="after")
     def _every_method_has_a_block(self) -> Params:
         for family, task in self.tasks:
-            for name in task.methods:
-                if name not in self.methods:
-                    blocks = ", ".join(self.methods)
-                    raise ValueError(
-                        f"tasks.{family}.methods: {name!r} has no block under methods, which has {blocks}"
-                    )
+            for key, names in (("methods", task.methods), ("settings", task.settings)):
+                for name in names:
+                    if name not in self.methods:
+                        blocks = ", ".join(self.methods)
+                        raise ValueError(
+                            f"tasks.{family}.{key}: {name!r} has no block under methods, which has {blocks}"
+                        )
         return self

@@ -31,9 +31,9 @@ class Spinal(Block):
     Attributes:
         mesh: resolution.
         tolerance: of the linear solver's relative residual.
-        anatomy: dimensions in mm that replace those of `spinal/anatomy.py`, by name.
-        conductivity: conductivities in S/m that replace those of `spinal/anatomy.py`, by tissue.
-        districts: [first, last] segment of motor pools, replacing those of `spinal/anatomy.py`, by muscle.
+        anatomy: dimensions in mm that replace those of `spinal/geometry/anatomy.py`, by name.
+        conductivity: conductivities in S/m that replace those of `spinal/geometry/anatomy.py`, by tissue.
+        districts: [first, last] segment of motor pools, in place of those of `spinal/geometry/anatomy.py`.
         sample_spacing: of the points in the section at which the activating function is taken, mm.
         sample_slices: heights at which it is taken, from L1 to S2.
         currents: the ten currents of the dataset, mA, increasing.

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from hdsafebo.params.base import Block, Count, Positive, Scalar
+from hdsafebo.params.base import Block, Count, MethodSettings, Positive
 
 
 class Budget(Block):
@@ -39,6 +39,20 @@ class Budget(Block):
         return range(self.first_seed, self.first_seed + self.seeds_of.get(method, self.seeds))
 
 
+class Task(Block):
+    """What every family of tasks has.
+
+    Attributes:
+        budget: how much is evaluated.
+        methods: which run.
+        settings: of methods on these tasks, beyond what is set for them on all tasks.
+    """
+
+    budget: Budget
+    methods: list[str]
+    settings: dict[str, MethodSettings] = {}
+
+
 class SyntheticProblem(Block):
     """Objective and safety drawn from Gaussian processes (paper, section 5.1 and appendix)."""
 
@@ -60,22 +74,7 @@ class SyntheticProblem(Block):
         return self
 
 
-class Family(Block):
-    """What the tasks of a family share.
-
-    Attributes:
-        budget: how much is evaluated.
-        methods: that run on every task of the family.
-        tuned: settings of methods on these tasks alone, beyond those under `methods`; they were chosen on
-            seeds below 100, with about as many runs as the settings of this project's own method.
-    """
-
-    budget: Budget
-    methods: list[str]
-    tuned: dict[str, dict[str, Scalar]] = {}
-
-
-class SyntheticTask(Family):
+class SyntheticTask(Task):
     """The synthetic task and the methods that run on it."""
 
     problem: SyntheticProblem = SyntheticProblem()
@@ -110,7 +109,7 @@ class HandInformed(Block):
     directions: Count = 12
 
 
-class HandTask(Family):
+class HandTask(Task):
     """The hand in the paper's setting and in the informed one, and the methods that run in both."""
 
     problem: HandProblem = HandProblem()
@@ -142,7 +141,7 @@ class ScsInformed(Block):
     components: Annotated[int, Field(ge=1, le=84)] = 16
 
 
-class ScsTask(Family):
+class ScsTask(Task):
     """The stimulation tasks, one per target muscle and setting (`scs_st`, `scs_st_informed`, ...)."""
 
     problem: ScsProblem = ScsProblem()
@@ -163,7 +162,7 @@ class DigitsProblem(Block):
     threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
 
 
-class DigitsTask(Family):
+class DigitsTask(Task):
     """The tasks `digits_0` ... `digits_9` in both settings (`digits_0_informed`), and their methods."""
 
     problem: DigitsProblem = DigitsProblem()

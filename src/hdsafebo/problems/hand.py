@@ -174,7 +174,10 @@ def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
     features, modelled = None, settings.problem.modelled
     if informed:
         moment = load_moment(root / MOMENT_FILE, simulation.hand)
-        features, modelled = behaviour_features(moment, settings.informed.directions), settings.informed.modelled
+        features, modelled = (
+            behaviour_features(moment, settings.informed.directions),
+            settings.informed.modelled,
+        )
     safety = safety_functions(settings.problem, hand.synergies.landing_limit, modelled)
     problem = HandPolicies(scene, space, hand.synergies.box, safety, features, name)
     codec: Codec = problem.codec
@@ -194,7 +197,9 @@ def _knowledge(params: Params, modelled: Sequence[str], *, informed: bool) -> Kn
     return Knowledge(
         latent_space=f"weights over {synergies.count} synergies, each at most {synergies.box:g} in size",
         kernel_features=(
-            f"muscle drives along the {directions} main directions of reference observations" if informed else None
+            f"muscle drives along the {directions} main directions of reference observations"
+            if informed
+            else None
         ),
         safety=f"{', '.join(modelled)}, as it is",
         extra_trials=(

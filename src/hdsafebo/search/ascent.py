@@ -13,8 +13,11 @@ from hdsafebo.typing import FloatArray
 ValueAndGradient = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 _FIRST_STEP = 0.35
+"""Of the radius: three steps reach the border of the ball."""
 _SHRINK = 0.88
+"""From step to step: all steps together are 2.7 radii long, and the last of twenty is 0.03."""
 _LONGEST_CORRECTION = 1.5
+"""In lengths of the step: a flat margin would otherwise ask for an endless way back."""
 _TINY = 1e-12
 
 
@@ -56,6 +59,7 @@ def ascend(
         safe = margin >= 0
         better = safe & (height > best_value)
         best[better], best_value[better] = u[better], height[better]
+        # Only the direction of the gradient counts: its length says nothing of how far a path may be trusted.
         move = step * metric.normalised(metric.pull_back(uphill))
         u = _into_ball(u + _safe_step(move, margin, metric.pull_back(inward), metric), centre, radius, metric)
         step *= _SHRINK

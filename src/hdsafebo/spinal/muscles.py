@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import AnatomyError, UnknownNameError
-from hdsafebo.spinal.anatomy import DISTRICTS, Anatomy
+from hdsafebo.spinal.geometry.anatomy import DISTRICTS, Anatomy
 
 MUSCLES = tuple(DISTRICTS)
 District = tuple[float, float]

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.spinal.activating_function import INTERNODE, along_fibres, potential_on_fibres
-from hdsafebo.spinal.assembly import Contact
-from hdsafebo.spinal.conductivity import Conductivity
-from hdsafebo.spinal.lead_field import MILLIVOLTS, LeadField, Solution, solve
-from hdsafebo.spinal.mesh import PrismMesh, SliceMap, extrude, graded_axis
-from hdsafebo.spinal.reference_cylinder import LayeredCylinder
-from hdsafebo.spinal.section import EdgeLengths, Section, build_section, circle, graded_size
+from hdsafebo.spinal.finite_elements.assembly import Contact
+from hdsafebo.spinal.finite_elements.lead_field import MILLIVOLTS, LeadField, Solution, solve
+from hdsafebo.spinal.finite_elements.reference_cylinder import LayeredCylinder
+from hdsafebo.spinal.geometry.conductivity import Conductivity
+from hdsafebo.spinal.geometry.mesh import PrismMesh, SliceMap, extrude, graded_axis
+from hdsafebo.spinal.geometry.section import EdgeLengths, Section, build_section, circle, graded_size
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import pytest
 
 from hdsafebo.gp.surrogate import Surrogate, fit_surrogate
 from hdsafebo.optimizers.local.recombination import recombined, safe_steps
-from hdsafebo.search.metric import Metric
+from hdsafebo.search.ascent import Metric
 
 METRIC = Metric(np.eye(3)[:2], np.zeros(2))
 CENTRE = np.full(3, 0.5)

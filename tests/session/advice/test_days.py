@@ -90,8 +90,8 @@ def test_the_optimisers_model_is_without_the_days_effect(make_session: Callable[
     optimiser = informed_optimiser(session.definition, session.search(), "speed", 1, session.state.trials)
     assert isinstance(optimiser, HdSafeBOShortlist)
     later = np.array([t.day == 2 for t in session.state.trials])
-    np.testing.assert_array_equal(optimiser.days == 2, later)
-    optimiser._choose_theta()
+    np.testing.assert_array_equal(optimiser.search.days == 2, later)
+    optimiser.search._choose_theta()
     fitted = optimiser.surrogate.objective
     told = fitted.outcomes.restore(fitted.values)
     effect = optimiser.trials.objective - told

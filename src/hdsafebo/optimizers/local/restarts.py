@@ -9,19 +9,21 @@ is not near an earlier top is tried (Thompson sampling of where to start anew; T
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hdsafebo.gp.kernel import fast_distances
 from hdsafebo.gp.sampling import SamplePaths
 from hdsafebo.gp.surrogate import Surrogate
-from hdsafebo.search.ascent import ascend
-from hdsafebo.search.metric import Metric
-from hdsafebo.search.region import IMPROVEMENT
-from hdsafebo.trials import Trials
-from hdsafebo.typing import FloatArray, IntArray
+from hdsafebo.optimizers.base import Proposal
+from hdsafebo.optimizers.local.ascents import STEPS, AscentSearch
+from hdsafebo.optimizers.local.base import gain
+from hdsafebo.optimizers.local.settings import RestartSettings
+from hdsafebo.search.ascent import Metric, ascend
+from hdsafebo.search.region import TrustRegion
+from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import FloatArray
 
 _APART = 0.5
 """A jump ends at least so many length scales of the objective from every earlier top."""
@@ -29,62 +31,88 @@ _ARRIVED = 0.25
 """A climb that comes so close to an earlier top would end there."""
 _FIRST_STEP = 0.02
 _STARTS = 200
+PATIENCE = 8
+"""Rounds without gain after which a climb is over."""
 
 
-@dataclass(frozen=True)
-class Climb:
-    """The present climb.
-
-    Attributes:
-        first: id of its first trial; the first climb owns the initial trials too.
-        tops: rows where earlier climbs have ended.
-        stalled: rounds since it gained.
-    """
-
-    first: int = 0
-    tops: tuple[int, ...] = ()
-    stalled: int = 0
-
-    def owns(self, trials: Trials) -> NDArray[np.bool_]:
-        """(n,) True for trials of this climb."""
-        return np.asarray(trials.id >= self.first)
-
-    def after(self, gained: bool) -> Climb:
-        """The climb after a round."""
-        return replace(self, stalled=0 if gained else self.stalled + 1)
-
-    def over(self, top: int, inputs: FloatArray, length_scale: float, patience: int) -> Climb | None:
-        """What is known when this climb is over, its top included; None while it goes on.
-
-        Args:
-            top: row of its best trial.
-            inputs: (n, p) kernel inputs of all trials.
-            length_scale: of the objective.
-            patience: rounds without gain after which it is over.
-        """
-        if self.tops:
-            distance = fast_distances(inputs[[top]], inputs[list(self.tops)]).min()
-            if distance < _ARRIVED * length_scale:
-                return Climb(tops=self.tops)
-        return Climb(tops=(*self.tops, top)) if self.stalled >= patience else None
-
-
-def gain(trials: Trials, among: NDArray[np.bool_], fresh: IntArray) -> tuple[bool, bool]:
-    """Whether trials improve on the best of the others, and by more than a thousandth of its size.
+class Restarts:
+    """Climbs of a search, one after another.
 
     Args:
-        trials: all of them.
-        among: (n,) True for those that count.
-        fresh: ids of the trials in question.
+        search: whose climbs they are; where one begins is its `since`.
+        settings: of restarts.
+
+    Attributes:
+        tops: rows where earlier climbs have ended.
+        stalled: rounds since the present one gained.
     """
-    new = np.isin(trials.id, fresh)
-    best = trials.objective[among & new].max(initial=-np.inf)
-    before = trials.objective[among & ~new].max(initial=-np.inf)
-    if not np.isfinite(best):
-        return False, False
-    if not np.isfinite(before):
-        return True, True
-    return bool(best > before), bool(best > before + IMPROVEMENT * abs(before))
+
+    def __init__(self, search: AscentSearch, settings: RestartSettings) -> None:
+        self.search = search
+        self._settings = settings
+        self.tops: tuple[int, ...] = ()
+        self.stalled = 0
+
+    def finish_round(self, trials: Trials) -> None:
+        """Count rounds without gain."""
+        search = self.search
+        _, gained = gain(search.trials, search.own, trials.id)
+        self.stalled = 0 if gained else self.stalled + 1
+
+    def first_of_next(self) -> Proposal | None:
+        """The trial that begins the next climb; None while the present one goes on, or when there is none."""
+        search, optimizer = self.search, self.search.optimizer
+        if len(search.trials) == 0 or not optimizer.feasible.any():
+            return None
+        inputs = search.kernel_inputs(search.trials)
+        over, tops = self._over(inputs)
+        if not over:
+            return None
+        rows = search.best_first(optimizer.feasible)
+        starts = np.clip(optimizer.space.to_unit(search.trials.z[rows]), 0.0, 1.0)
+        point = jump(search.surrogate, starts, inputs[list(tops)], search.metric, self._beta, search.rng)
+        self.tops, self.stalled = tops, 0
+        if point is None:
+            search.since = 0  # a round around the best trial of all, then another sample path
+            return None
+        believed = search.surrogate.believed_safe(search.metric.inputs(point), search.confidence)
+        search.since = len(search.trials)
+        search.region = TrustRegion(search.rule.initial)
+        return Proposal(point, marked_unsafe=~believed)
+
+    def state(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"tops": self.tops, "stalled": self.stalled}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take back what `state` gave."""
+        self.tops, self.stalled = tuple(state["tops"]), state["stalled"]
+
+    @property
+    def _beta(self) -> float:
+        """Of the safe set in which the next climb begins."""
+        return self.search.confidence if self._settings.beta is None else self._settings.beta
+
+    def _over(self, inputs: FloatArray) -> tuple[bool, tuple[int, ...]]:
+        """Whether the present climb is over, and the tops known then, its own included.
+
+        It is over when it has stalled, when it comes close to an earlier top, or when its first trial gave
+        nothing to go on from.
+
+        Args:
+            inputs: (n, p) kernel inputs of all trials.
+        """
+        search, optimizer = self.search, self.search.optimizer
+        own = search.trials.id >= search.since
+        pending = search.trials.status == Status.PENDING
+        if not (own & (optimizer.feasible | pending)).any():
+            return True, self.tops
+        top = optimizer.centre_row()
+        if self.tops:
+            distance = fast_distances(inputs[[top]], inputs[list(self.tops)]).min()
+            if distance < _ARRIVED * search.surrogate.objective.length_scale:
+                return True, self.tops
+        return (True, (*self.tops, top)) if self.stalled >= PATIENCE else (False, self.tops)
 
 
 def jump(
@@ -93,7 +121,6 @@ def jump(
     tops: FloatArray,
     metric: Metric,
     beta: float,
-    steps: int,
     rng: np.random.Generator,
 ) -> FloatArray | None:
     """(1, d) first point of the next climb; None when every way up ends near an earlier top.
@@ -104,7 +131,6 @@ def jump(
         tops: (k, p) kernel inputs of earlier tops.
         metric: from unit cube to kernel inputs.
         beta: of the safe set.
-        steps: of an ascent.
         rng: source of randomness.
     """
     starts = starts[:_STARTS]
@@ -118,7 +144,7 @@ def jump(
         starts,
         radius,
         metric,
-        steps,
+        STEPS,
     )
     inputs = metric.inputs(ends)
     apart = fast_distances(inputs, tops).min(axis=1) >= _APART * surrogate.objective.length_scale

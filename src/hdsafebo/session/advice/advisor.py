@@ -29,7 +29,6 @@ from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.session.advice.informed import informed_optimiser, results_of
 from hdsafebo.session.advice.methods import load_method
 from hdsafebo.session.advice.search import Search
-from hdsafebo.session.advice.shortlist import HdSafeBOShortlist
 from hdsafebo.session.definition import Definition
 from hdsafebo.session.log.chain import Entry
 from hdsafebo.session.log.state import Point, State, Trial
@@ -113,8 +112,8 @@ class Advisor:
             self.state.apply(entry)
             if entry.kind in ("created", "target_switched"):
                 self._begin()
-            elif entry.kind == "resumed" and isinstance(self._optimiser, HdSafeBOShortlist):
-                self._optimiser.days, self._optimiser.today = self._optimiser.days, self.state.pauses
+            elif entry.kind == "resumed" and self._optimiser is not None:
+                self._optimiser.begin_day(self.state.pauses)
             elif entry.kind in _DECISIONS:
                 self._asked = None
             elif entry.kind == "recorded":
@@ -186,9 +185,8 @@ class Advisor:
             int(entropy.generate_state(1)[0]),
             self.state.trials,
             before=self._optimiser,
+            today=self.state.pauses,
         )
-        if isinstance(self._optimiser, HdSafeBOShortlist):
-            self._optimiser.today = self.state.pauses
 
     def _learn(self, trial: Trial) -> None:
         optimiser = self._require()
@@ -213,9 +211,7 @@ class Advisor:
         optimiser = self._require()
         inputs = optimiser.kernel_inputs(trials)
         surrogate = optimiser.surrogate
-        mean, deviation = surrogate.objective.predict(inputs)
-        if isinstance(optimiser, HdSafeBOShortlist):
-            mean, deviation = optimiser.scale.shown(mean, deviation)
+        mean, deviation = optimiser.in_units(*surrogate.objective.predict(inputs))
         safety_mean, safety_deviation = surrogate.predict_safety(inputs)
         names = [s.name for s in self.search.space.safety]
         return {

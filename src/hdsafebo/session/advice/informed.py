@@ -10,7 +10,6 @@ from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.session.advice.methods import make_method
 from hdsafebo.session.advice.search import Search
-from hdsafebo.session.advice.shortlist import HdSafeBOShortlist
 from hdsafebo.session.definition import Definition
 from hdsafebo.session.log.state import Trial
 from hdsafebo.trials import Status, Trials
@@ -24,6 +23,7 @@ def informed_optimiser(
     seed: int,
     trials: Sequence[Trial],
     before: Optimizer | None = None,
+    today: int = 0,
 ) -> Optimizer:
     """A new optimiser of a target that has observed all delivered trials with a record.
 
@@ -34,6 +34,7 @@ def informed_optimiser(
         seed: of the optimiser.
         trials: all trials of the session, in order.
         before: that of the target before; the codes it searched stay with their trials (see `realise`).
+        today: number of the present day.
 
     Raises:
         ParamsError: the method models no safety.
@@ -53,8 +54,7 @@ def informed_optimiser(
             codes=None if before is None else _codes_of(x, before.trials),
             initial=True,
         )
-    if isinstance(optimiser, HdSafeBOShortlist):
-        optimiser.days = np.array([t.day for t in known], np.int64)
+    optimiser.begin_day(today, np.array([t.day for t in known], np.int64))
     return optimiser
 
 

@@ -29,6 +29,7 @@ from hdsafebo.errors import ProblemError
 from hdsafebo.gp.sampling import thompson_sample
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
+from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
 from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.session.advice.days import fit_days
 from hdsafebo.session.advice.repetition import top_two
@@ -70,42 +71,48 @@ class ShortlistSettings(OptimizerSettings):
     rivals: int = Field(default=40, ge=1)
 
 
-class HdSafeBOShortlist(Optimizer):
-    """See the module."""
+class ShortlistSearch(LocalSearch):
+    """See the module.
 
-    name = "hdsafebo_shortlist"
-    Settings = ShortlistSettings
-    settings: ShortlistSettings
+    Args:
+        optimizer: of a session's problem over a finite set.
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        if not isinstance(self.problem, SessionProblem) or not isinstance(self.problem.candidates, FiniteSet):
+    Attributes:
+        scale: on which outcomes are modelled.
+    """
+
+    def __init__(self, optimizer: Optimizer) -> None:
+        super().__init__(optimizer)
+        problem, settings = optimizer.problem, optimizer.settings
+        if not isinstance(problem, SessionProblem) or not isinstance(problem.candidates, FiniteSet):
             raise ProblemError(
-                f"{self.name} searches the finite set of a session; {self.problem.name!r} has none"
+                f"{optimizer.name} searches the finite set of a session; {problem.name!r} has none"
             )
-        self._set = self.problem.candidates
-        self.scale = self.problem.scale
+        assert isinstance(settings, ShortlistSettings)
+        self.settings = settings
+        self._set = problem.candidates
+        self.scale = problem.scale
         self._rows = np.empty(0, np.int64)
         self._made: int | None = None  # round in which the shortlist was made
         self._days = np.empty(0, np.int64)
         self._theta = (1.0, 0.1, 0.0)  # of the model of days; chosen anew with each shortlist, none before
-        self.today = 0
+        self._today = 0
 
     @property
     def days(self) -> IntArray:
-        """(n,) day of every trial; those added since it was last set are of `today`."""
+        """(n,) day of every trial; those added since the day began are of the present one."""
         missing = len(self.trials) - len(self._days)
-        return np.concatenate([self._days, np.full(missing, self.today)])
+        return np.concatenate([self._days, np.full(missing, self._today)])
 
-    @days.setter
-    def days(self, days: IntArray) -> None:
-        self._days = days
+    def begin_day(self, day: int, earlier: IntArray | None = None) -> None:
+        """See `Optimizer.begin_day`."""
+        self._days, self._today = self.days if earlier is None else earlier, day
 
     def refines(self) -> bool:
         """As often as there is a new shortlist; from one trial to the next hyper-parameters hardly change."""
         return int(self.trials.completed.sum()) % self.settings.every == 0
 
-    def outcomes_to_fit(self, rows: IntArray) -> FloatArray:
+    def targets(self, rows: IntArray) -> FloatArray:
         """Outcomes on their scale, less the effects of their days."""
         trials, days = self.trials[rows], self.days[rows]
         modelled = self.scale.modelled(trials.objective)
@@ -116,22 +123,22 @@ class HdSafeBOShortlist(Optimizer):
 
     def _choose_theta(self) -> None:
         """Hyper-parameters of the model of days from the present data; the surrogate is fitted anew."""
-        rows = self.rows_to_fit()
+        rows = self.optimizer.rows_to_fit()
         trials, days = self.trials[rows], self.days[rows]
         if len(np.unique(days)) > 1:
             modelled = self.scale.modelled(trials.objective)
             self._theta = fit_days(self.kernel_inputs(trials), modelled[:, None], days).theta[0]
-            self._fits.forget()
+            self.optimizer.refit()
 
     def propose(self, n: int) -> Proposal:
         """Rows believed safe: one of the best trials, near them, or of the shortlist."""
-        self.centre_row()  # abstains where nothing safe is known
+        self.optimizer.centre_row()  # abstains where nothing safe is known
         free = np.ones(len(self._set.features), bool)
-        free[self.taken] = False
-        if self._made is None or self.round - self._made >= self.settings.every:
+        free[self.optimizer.taken] = False
+        if self._made is None or self.optimizer.round - self._made >= self.settings.every:
             self._choose_theta()
-            self._rows, self._made = self._scan(), self.round
-        if self.round >= self.settings.first and self.rng.random() < self.settings.repeat:
+            self._rows, self._made = self._scan(), self.optimizer.round
+        if self.optimizer.round >= self.settings.first and self.rng.random() < self.settings.repeat:
             rows = self._rivals()
             if len(rows):
                 return Proposal(
@@ -160,15 +167,15 @@ class HdSafeBOShortlist(Optimizer):
 
     def _best(self) -> IntArray:
         """Rows of the trials that were safe, the highest posterior mean first."""
-        rows = np.unique(self.trials.candidate[self.feasible])
+        rows = np.unique(self.trials.candidate[self.optimizer.feasible])
         mean = self.surrogate.objective.predict_mean(self._set.features[rows])
         return rows[np.argsort(-mean, kind="stable")]
 
     def _rivals(self) -> IntArray:
         """The best rows that were always safe, are believed to be, and may be proposed now."""
-        unsafe = self.trials.candidate[self.trials.completed & ~self.feasible]
+        unsafe = self.trials.candidate[self.trials.completed & ~self.optimizer.feasible]
         best = self._best()[: self.settings.rivals]
-        rows, safe = self._believed(best[~np.isin(best, np.concatenate([unsafe, self._elsewhere]))])
+        rows, safe = self._believed(best[~np.isin(best, np.concatenate([unsafe, self.optimizer.elsewhere]))])
         return rows[safe]
 
     def _neighbours(self) -> IntArray:
@@ -207,21 +214,46 @@ class HdSafeBOShortlist(Optimizer):
         """Features of the candidates; every input of a finite set's session has a row."""
         return self._set.features[trials.candidate]
 
+    def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """The shortlist and when it was made; the days and their model."""
+        state = {"made": self._made, "theta": self._theta, "today": self._today}
+        return state, {"rows": self._rows, "days": self.days}
+
+    def restore(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        """Take back what `state` gave."""
+        self._made, self._today = state["made"], state["today"]
+        self._theta = tuple(state["theta"])
+        self._rows, self._days = arrays["rows"], arrays["days"]
+
+
+class HdSafeBOShortlist(SearchingOptimizer):
+    """The optimiser that searches by a shortlist."""
+
+    name = "hdsafebo_shortlist"
+    Settings = ShortlistSettings
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._search = self._shortlist = ShortlistSearch(self)  # refuses a problem that is no session's
+
+    def make_search(self) -> ShortlistSearch:
+        """The only one."""
+        return self._shortlist
+
+    def begin_day(self, day: int, earlier: IntArray | None = None) -> None:
+        """The search knows of days."""
+        self._shortlist.begin_day(day, earlier)
+
+    def in_units(self, mean: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """From the scale on which outcomes are modelled."""
+        return self._shortlist.scale.shown(mean, deviation)
+
     @property
     def taken(self) -> IntArray:
         """As `Optimizer.taken`; the rows forbidden elsewhere are most of the set, so nothing is sorted."""
-        mask = np.zeros(len(self._set.features), bool)
-        for rows in (self.trials.candidate, self._elsewhere):
+        candidates = self.problem.candidates
+        assert candidates is not None, "a session's finite set"
+        mask = np.zeros(len(candidates.features), bool)
+        for rows in (self.trials.candidate, self.elsewhere):
             mask[rows[rows >= 0]] = True
         return np.flatnonzero(mask)
-
-    def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """The shortlist and when it was made; the days and their model."""
-        state = {"made": self._made, "theta": self._theta, "today": self.today}
-        return state, {"rows": self._rows, "days": self.days}
-
-    def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-        """Take back what `method_state` gave."""
-        self._made, self.today = state["made"], state["today"]
-        self._theta = tuple(state["theta"])
-        self._rows, self._days = arrays["rows"], arrays["days"]

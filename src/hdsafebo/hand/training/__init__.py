@@ -1,0 +1,1 @@
+"""SAC agents on the hand, and the muscle activations of their rollouts."""
