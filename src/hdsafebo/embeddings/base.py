@@ -34,8 +34,8 @@ class Embedding(ABC):
         name: registry name.
         Settings: model of the settings.
         settings: how this one was made.
-        training: how the fit went (plain numbers and lists), and under `code_box` the limits of the codes of the
-            points that it was fitted to.
+        training: how the fit went (plain numbers and lists), and under `code_box` the limits of the codes of
+            the points that it was fitted to.
     """
 
     name: ClassVar[str]
@@ -99,8 +99,8 @@ class Embedding(ABC):
             box = np.empty(0)
         if box.shape != (2, self.latent_dim) or not np.isfinite(box).all() or (box[0] > box[1]).any():
             raise EmbeddingFileError(
-                f"embedding {self.name!r}: training.code_box of its card is no box of {self.latent_dim} codes; "
-                "train it again"
+                f"embedding {self.name!r}: training.code_box of its card is no box of {self.latent_dim} "
+                "codes; train it again"
             )
         return box
 

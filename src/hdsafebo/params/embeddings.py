@@ -72,8 +72,8 @@ class Digits(Block):
     """Images, predictor and embedding of the digits task.
 
     Attributes:
-        source: `mnist` (its 10,000 test images, in `data/mnist`), `sklearn` (8 x 8 images that scikit-learn brings),
-            `idx` (files of MNIST's format in `folder`) or `openml` (all 70,000 images, a download).
+        source: `mnist` (its 10,000 test images, in `data/mnist`), `sklearn` (8 x 8 images that scikit-learn
+            brings), `idx` (files of MNIST's format in `folder`) or `openml` (all 70,000 images, a download).
         folder: directory of the IDX files, relative to the project's.
         predictor_epochs: passes over the images when the predictor is trained.
         embedding: name of the embedding.

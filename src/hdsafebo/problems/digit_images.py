@@ -1,4 +1,4 @@
-"""Images of handwritten digits: MNIST from files or from OpenML, or the 8 x 8 set that scikit-learn brings."""
+"""Images of handwritten digits: MNIST from files or OpenML, or the 8 x 8 set that scikit-learn brings."""
 
 from __future__ import annotations
 

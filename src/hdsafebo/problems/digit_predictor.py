@@ -23,10 +23,10 @@ _BATCH = 64
 _LEARNING_RATE = 1e-3
 _FORMAT = "digit-predictor"
 MEDIAN_MARGIN = 600.0
-"""Of the trained network's outputs, the median lead of the right digit over the next one. The paper divides by a
-temperature of 200 the outputs of a network whose scale it does not publish, because its probabilities are nearly
-all 0 or 1. At this scale a temperature of 1 gives such probabilities, and one of 200 gives half of the images a
-probability above 0.95 and about 5 % less than 0.5."""
+"""Of the trained network's outputs, the median lead of the right digit over the next one. The paper divides
+by a temperature of 200 the outputs of a network whose scale it does not publish, because its probabilities
+are nearly all 0 or 1. At this scale a temperature of 1 gives such probabilities, and one of 200 gives half of
+the images a probability above 0.95 and about 5 % less than 0.5."""
 
 
 class DigitPredictor:
@@ -83,7 +83,7 @@ class DigitPredictor:
         return accuracy
 
     def _scale_outputs(self, pixels: FloatArray, labels: NDArray[np.int64]) -> None:
-        """Multiply the last layer so that the median margin is `MEDIAN_MARGIN`; a useless network stays as is."""
+        """Scale the last layer to a median margin of `MEDIAN_MARGIN`; a useless network stays as it is."""
         outputs = self.logits(pixels)
         right = np.arange(10) == labels[:, None]
         margin = float(np.median(outputs[right] - np.where(right, -np.inf, outputs).max(axis=1)))

@@ -15,8 +15,8 @@ Objective: the sum of rewards of an episode. Safety functions:
 
 Of these four only those bind an optimiser that are modelled or reported; the others are on record.
 
-The paper's setting (`hand`) models the landing speed. The informed one (`hand_informed`) models `no_drop`, and
-its kernel sees what policies do on the main directions of the observations of reference episodes.
+The paper's setting (`hand`) models the landing speed. The informed one (`hand_informed`) models `no_drop`,
+and its kernel sees what policies do on the main directions of the observations of reference episodes.
 
 No initial policy does the task: a few per cent of uniform draws end upright, and an optimiser that is given
 one has nothing to find. Such draws are replaced by further ones, for all methods alike.

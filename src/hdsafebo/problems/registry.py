@@ -1,8 +1,8 @@
 """From the name of a task to its problem, the space it is searched in and what is known of it.
 
-Some tasks exist in two settings. The plain name is the paper's: what the paper gives its methods. The name with
-the suffix `_informed` is what a practitioner would use. Both are tasks of their own, every method runs in both,
-and methods are compared within one of them only.
+Some tasks exist in two settings. The plain name is the paper's: what the paper gives its methods. The name
+with the suffix `_informed` is what a practitioner would use. Both are tasks of their own, every method runs
+in both, and methods are compared within one of them only.
 """
 
 from __future__ import annotations

@@ -3,9 +3,10 @@
 The input is the field map of a stimulation (728 pixels), but only the maps of the dataset can be
 evaluated: a decoded map takes the value of the nearest row that was not yet evaluated.
 
-In the paper's setting (`scs_st`) the latent space is that of a learned embedding of the maps, the kernel sees its
-codes, and g is modelled as it is. In the informed one (`scs_st_informed`) the kernel sees the logarithms of the
-responses of axons, the latent space holds their principal components, and the logarithm of g is modelled.
+In the paper's setting (`scs_st`) the latent space is that of a learned embedding of the maps, the kernel sees
+its codes, and g is modelled as it is. In the informed one (`scs_st_informed`) the kernel sees the logarithms
+of the responses of axons, the latent space holds their principal components, and the logarithm of g is
+modelled.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ class StimulationSet:
 
     Args:
         currents_ma: (K,) currents, increasing.
-        features: gives the (21800 K, p) kernel inputs of all rows; called when they are first asked for, since
-            only methods that choose among rows need them. None takes the responses of axons, see
+        features: gives the (21800 K, p) kernel inputs of all rows; called when they are first asked for,
+            since only methods that choose among rows need them. None takes the responses of axons, see
             `log_responses`: maps of low current all meet at one point although the selectivity depends on
             direction, so distances between maps say less.
 
@@ -209,7 +210,9 @@ def _as_in_the_paper(problem: SelectiveStimulation, embedding: Embedding, file: 
         inputs=(DATASET_FILE, file),
         latent_bounds=embedding.code_box,
         knowledge=Knowledge(
-            latent_space=f"{embedding.latent_dim} codes of {embedding.name}, the box of the codes that it was trained on",
+            latent_space=(
+                f"{embedding.latent_dim} codes of {embedding.name}, the box of the codes that it was trained on"
+            ),
             candidate_rows=f"{len(problem.candidates):,} rows, their codes as kernel features",
             safety="g = 1 - the largest activation, as it is",
         ),
@@ -225,12 +228,12 @@ def _informed(problem: SelectiveStimulation, components: int) -> Task:
         latent_bounds=np.stack([codec.codes.min(axis=0), codec.codes.max(axis=0)]),
         knowledge=Knowledge(
             latent_space=(
-                f"{components} principal components of the responses of axons ({100 * codec.share:.1f} % of their "
-                "variance), the box of all rows"
+                f"{components} principal components of the responses of axons "
+                f"({100 * codec.share:.1f} % of their variance), the box of all rows"
             ),
             candidate_rows=(
-                f"{len(problem.candidates):,} rows, {problem.candidates.features.shape[1]} logarithms of responses "
-                "of axons as kernel features"
+                f"{len(problem.candidates):,} rows, {problem.candidates.features.shape[1]} logarithms of "
+                "responses of axons as kernel features"
             ),
             safety="g = 1 - the largest activation, its logarithm",
         ),

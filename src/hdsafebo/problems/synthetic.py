@@ -93,7 +93,9 @@ def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
     settings = params.tasks.synthetic.problem
     problem = SyntheticProblem(seed, **settings.model_dump())
     knowledge = Knowledge(
-        latent_space=f"{settings.latent_dimension} principal components of the initial trials, the box of their codes",
+        latent_space=(
+            f"{settings.latent_dimension} principal components of the initial trials, the box of their codes"
+        ),
         safety="the safety function as it is",
     )
     return Task(problem, pca_of_initial(settings.latent_dimension), knowledge=knowledge)

@@ -59,8 +59,9 @@ class CeiProb(Optimizer):
     is maximised.
 
     The models are those of `botorch.models.SingleTaskGP`: one length scale per dimension with the
-    dimension-scaled prior (Hvarfner et al. 2024), standardised outcomes. The kernel is the paper's Matern-5/2,
-    or BoTorch's default, the squared exponential (`kernel`). What a trial carries of safety comes from the common surrogate, as for all methods.
+    dimension-scaled prior (Hvarfner et al. 2024), standardised outcomes. The kernel is the paper's
+    Matern-5/2, or BoTorch's default, the squared exponential (`kernel`). What a trial carries of safety comes
+    from the common surrogate, as for all methods.
     """
 
     name = "cei_prob"
