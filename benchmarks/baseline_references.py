@@ -26,6 +26,7 @@ from scbo_tutorial import tutorial_run
 from scipy.stats import mannwhitneyu, qmc
 from threadpoolctl import threadpool_limits
 
+from hdsafebo.files.atomic import write_json
 from hdsafebo.optimizers.registry import make_optimizer
 from hdsafebo.problem import FunctionProblem, Safety
 from hdsafebo.typing import FloatArray
@@ -258,9 +259,8 @@ def main() -> None:
     if arguments.write:
         kept = json.loads(OUT.read_text(encoding="utf-8")) if OUT.exists() else []
         fresh = {row["method"] for row in rows}
-        OUT.parent.mkdir(parents=True, exist_ok=True)
         rows = [row for row in kept if row["method"] not in fresh] + rows
-        OUT.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        write_json(OUT, rows)
         print(f"wrote {OUT}")
 
 

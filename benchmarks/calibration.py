@@ -17,7 +17,6 @@ fitted, which is how the methods are used, nothing is promised; what comes out i
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,9 @@ from unittest.mock import patch
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.stats import binomtest
 
+from hdsafebo.files.atomic import write_json
 from hdsafebo.gp.gaussian_process import GaussianProcess, Hyperparameters
 from hdsafebo.gp.kernel import exact_distances, matern52
 from hdsafebo.gp.outcomes import Outcomes
@@ -34,7 +35,6 @@ from hdsafebo.gp.surrogate import Surrogate
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
 from hdsafebo.problem import Problem, Safety
 from hdsafebo.problems.gaussian_path import GaussianPath
-from hdsafebo.report.stats.statistics import clopper_pearson
 from hdsafebo.trials import Evaluation, Trials
 from hdsafebo.typing import FloatArray
 
@@ -129,6 +129,12 @@ def ask_all(seeds: range, alpha: float, rounds: int, *, given: bool) -> Asked:
     return asked
 
 
+def interval(safe: np.ndarray) -> tuple[float, float]:
+    """Exact binomial limits of the safe share behind (n,) outcomes."""
+    limits = binomtest(int(safe.sum()), len(safe)).proportion_ci(CONFIDENCE, "exact")
+    return float(limits.low), float(limits.high)
+
+
 def calibration(asked: Asked, alpha: float) -> dict[str, Any]:
     """Ten bins of predicted probability, and the share of safe trials among those believed safe."""
     p, safe = np.array(asked.predicted), np.array(asked.safe)
@@ -136,7 +142,7 @@ def calibration(asked: Asked, alpha: float) -> dict[str, Any]:
     bins = []
     for b in np.unique(index):
         inside = index == b
-        low, high = (float(v) for v in clopper_pearson(safe[inside].sum(), inside.sum(), CONFIDENCE))
+        low, high = interval(safe[inside])
         predicted = float(p[inside].mean())
         bins.append(
             {
@@ -151,7 +157,7 @@ def calibration(asked: Asked, alpha: float) -> dict[str, Any]:
             }
         )
     believed = safe[~np.array(asked.marked)]
-    low, high = (float(v) for v in clopper_pearson(believed.sum(), len(believed), CONFIDENCE))
+    low, high = interval(believed)
     return {
         "alpha": alpha,
         "bins": bins,
@@ -193,7 +199,7 @@ def main() -> None:
             )
     if arguments.write:
         OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-        OUTPUT.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n")
+        write_json(OUTPUT, result, sort_keys=True)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ Times are medians of CPU time with one thread; wall times stand beside them.
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
 import time
 from collections.abc import Callable
@@ -19,6 +18,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 from threadpoolctl import threadpool_limits
 
+from hdsafebo.files.atomic import write_json
 from hdsafebo.progress import track
 from hdsafebo.spinal.configurations import enumerate_configurations
 from hdsafebo.spinal.field_map import unit_potentials
@@ -92,8 +92,7 @@ def main() -> None:
     for key, values in results.items():
         print(f"{key:28s} " + "  ".join(f"{name} {value:.2f}" for name, value in values.items()))
     if options.write:
-        OUT.parent.mkdir(parents=True, exist_ok=True)
-        OUT.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        write_json(OUT, results)
 
 
 if __name__ == "__main__":

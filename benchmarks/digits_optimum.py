@@ -12,7 +12,6 @@ images among random codes. It knows what no method does: 20,000 evaluations, and
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -22,6 +21,7 @@ from scipy.optimize import minimize
 
 from hdsafebo.embeddings.base import Embedding
 from hdsafebo.embeddings.registry import load_embedding
+from hdsafebo.files.atomic import write_json
 from hdsafebo.gp.surrogate import apply_transform
 from hdsafebo.params import load_params
 from hdsafebo.problem import Problem
@@ -140,7 +140,7 @@ def main() -> None:
         means = {key: round(float(np.mean(values)), 3) for key, values in found[str(margin)].items()}
         print(f"margin {margin}: means {means}, optima {found[str(margin)]['optimum']}", flush=True)
     if arguments.write:
-        OUT.write_text(json.dumps({"margins": found}, indent=1) + "\n", encoding="utf-8")
+        write_json(OUT, {"margins": found})
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ Times are those of one thread, CPU and wall; of a step the medians.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +17,7 @@ import torch
 
 from hdsafebo.embeddings import make_embedding
 from hdsafebo.embeddings.training.tangents import TrainableMlp, relaxed_distortion
+from hdsafebo.files.atomic import write_json
 from hdsafebo.spinal.configurations import enumerate_configurations
 from hdsafebo.spinal.field_map import REFERENCE_CURRENT_MA, RandomCurrents, field_maps, unit_potentials
 
@@ -92,8 +92,7 @@ def main() -> None:
     for key, row in table.items():
         print(f"{key:28s} CPU {row['cpu']:10.2f}  wall {row['wall']:10.2f}")
     if options.write:
-        OUT.parent.mkdir(parents=True, exist_ok=True)
-        OUT.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+        write_json(OUT, table)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ something on an idle machine only.
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
 import os
 import time
@@ -20,6 +19,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402  (after the thread limits)
 
+from hdsafebo.files.atomic import write_json  # noqa: E402
 from hdsafebo.hand.policy import PolicySpace  # noqa: E402
 from hdsafebo.hand.rollout import Scene, evaluate_policies  # noqa: E402
 
@@ -40,7 +40,7 @@ def main() -> None:
     print(f"targets: evaluation at most {TARGET_S} s (43 muscles), two at once at most {TARGET_RATIO}")
     if arguments.json:
         arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        write_json(arguments.json, found)
 
 
 def measure(variant: str, policies: int) -> dict[str, float]:

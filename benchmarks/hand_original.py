@@ -28,6 +28,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402  (after the thread limits)
 
 from hdsafebo.errors import NoSafePointError, SurrogateError  # noqa: E402
+from hdsafebo.files.atomic import write_json  # noqa: E402
 from hdsafebo.optimizers.base import Optimizer  # noqa: E402
 from hdsafebo.optimizers.registry import METHODS, make_optimizer  # noqa: E402
 from hdsafebo.params import load_params  # noqa: E402
@@ -165,11 +166,8 @@ def write(rows: list[dict[str, Any]]) -> None:
     kept = json.loads(OUT.read_text(encoding="utf-8"))["rows"] if OUT.exists() else []
     merged = {row["method"]: row for row in [*kept, *rows]}
     machine = {"python": platform.python_version(), "numpy": np.__version__, "threads": 1, "batch": BATCH}
-    text = json.dumps(
-        {"machine": machine, "initial": INITIAL, "seed": SEED, "rows": list(merged.values())}, indent=1
-    )
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(text + "\n", encoding="utf-8")
+    content = {"machine": machine, "initial": INITIAL, "seed": SEED, "rows": list(merged.values())}
+    write_json(OUT, content)
 
 
 if __name__ == "__main__":

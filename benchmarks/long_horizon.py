@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from hdsafebo.campaign.rounds import Round, RunJournal, points_digest
+from hdsafebo.files.atomic import write_json
 from hdsafebo.optimizers.registry import make_optimizer
 from hdsafebo.problem import FunctionProblem, Safety
 from hdsafebo.runs.write import rows_of
@@ -172,7 +173,7 @@ def main() -> None:
     if arguments.write:
         OUTPUT.parent.mkdir(parents=True, exist_ok=True)
         kept = json.loads(OUTPUT.read_text()) if OUTPUT.exists() else {}
-        OUTPUT.write_text(json.dumps(kept | result, indent=1, sort_keys=True) + "\n")
+        write_json(OUTPUT, kept | result, sort_keys=True)
 
 
 if __name__ == "__main__":

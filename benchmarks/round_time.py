@@ -31,6 +31,7 @@ from unittest.mock import patch
 import numpy as np
 from scipy.linalg import cho_factor
 
+from hdsafebo.files.atomic import write_json
 from hdsafebo.optimizers.registry import METHODS, make_optimizer
 from hdsafebo.problem import FunctionProblem, Safety
 from hdsafebo.typing import FloatArray
@@ -208,9 +209,8 @@ def write(fresh: list[dict[str, Any]]) -> None:
     rows = {tuple(row[k] for k in key): row for row in [*kept, *fresh]}
     ordered = [rows[k] for k in sorted(rows, key=lambda k: (k[2], k[1], k[0]))]
     machine = {"python": platform.python_version(), "numpy": np.__version__, "threads": 1, "batch": BATCH}
-    text = json.dumps({"machine": machine, "growth_in_n": growth(ordered), "rows": ordered}, indent=1)
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(text + "\n", encoding="utf-8")
+    content = {"machine": machine, "growth_in_n": growth(ordered), "rows": ordered}
+    write_json(OUT, content)
 
 
 def main() -> None:

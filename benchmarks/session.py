@@ -11,7 +11,6 @@ kept in `reports/reference/benchmarks`, those of the month after each patient.
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
 import time
 from dataclasses import asdict
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from hdsafebo.files.atomic import write_json
 from hdsafebo.progress import progress, track
 from hdsafebo.session.create import create_session
 from hdsafebo.session.patient.month import answer, run_month, simulated_patient, write_example
@@ -135,7 +135,7 @@ def _suggest(arguments: argparse.Namespace, responses: Responses) -> None:
 
 def _write(name: str, result: dict[str, Any]) -> None:
     REFERENCE.mkdir(parents=True, exist_ok=True)
-    (REFERENCE / name).write_text(json.dumps(result, indent=1) + "\n")
+    write_json(REFERENCE / name, result)
 
 
 def _session(directory: Path, responses: Responses, seed: int, known: int | None = None) -> Session:

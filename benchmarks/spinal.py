@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hdsafebo.files.atomic import write_json
 from hdsafebo.params import Spinal
 from hdsafebo.spinal.activating_function import sample
 from hdsafebo.spinal.configurations import enumerate_configurations
@@ -205,8 +206,7 @@ def main() -> None:
             cells = (f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items())
             print("  " + " | ".join(cells), flush=True)
         if arguments.write:
-            OUT.parent.mkdir(parents=True, exist_ok=True)
-            OUT.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+            write_json(OUT, results)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from hdsafebo.embeddings import load_embedding
 from hdsafebo.embeddings.distances import sample_pairs
 from hdsafebo.embeddings.isometry import IsometryCheck, IsometryMeasures, RoundTrip
 from hdsafebo.errors import EmbeddingFileError, ParamsError
+from hdsafebo.files.atomic import write_json
 from hdsafebo.params import Isometry
 from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.progress import track
@@ -38,8 +38,8 @@ def main(stage: Stage) -> None:
         measured[name], distances[name] = check.measure(load_embedding(path, input_dim=PIXELS))
         numbers = asdict(measured[name]).items()
         stage.log_metrics({f"{name}_{key}": value for key, value in numbers if value is not None})
-    text = json.dumps({name: asdict(found) for name, found in measured.items()}, indent=1, sort_keys=True)
-    stage.path("reports/isometry.json").write_text(text + "\n", encoding="utf-8")
+    found = {name: asdict(measures) for name, measures in measured.items()}
+    write_json(stage.path("reports/isometry.json"), found, sort_keys=True)
     shown = {key: value[: settings.figure_pairs].astype(np.float32) for key, value in distances.items()}
     pq.write_table(pa.table(shown), stage.path("reports/isometry_pairs.parquet"))
     for name, floors in settings.floors.items():

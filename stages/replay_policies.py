@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 from hdsafebo.errors import RenderingUnavailableError
+from hdsafebo.files.atomic import write_json
 from hdsafebo.hand.filmstrip import filmstrip, frame_steps, seconds_of
 from hdsafebo.hand.render import record_video, save_png
 from hdsafebo.pipeline.stage import Stage, run_stage
@@ -40,7 +39,7 @@ def main(stage: Stage) -> None:
         "missing": missing,
         "policies": [_record(*entry, name) for entry, name in zip(played, names, strict=True)],
     }
-    _write(stage.path(f"{FOLDER}/policies.json"), content)
+    write_json(stage.path(f"{FOLDER}/policies.json"), content)
     stage.log_artifact(stage.path(FOLDER))
 
 
@@ -83,10 +82,6 @@ def _record(trial: BestTrial, episode: Replay, picture: str | None) -> dict[str,
         "failure": episode.failure,
         "picture": picture,
     }
-
-
-def _write(path: Path, content: dict[str, Any]) -> None:
-    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import resource
 import time
 
 import numpy as np
 
+from hdsafebo.files.atomic import write_json
 from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.spinal.activating_function import sample
 from hdsafebo.spinal.configurations import enumerate_configurations
@@ -48,9 +48,7 @@ def main(stage: Stage) -> None:
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "file_mb": path.stat().st_size / 1e6,
     }
-    stage.path("data/spinal/traversal.json").write_text(
-        json.dumps(summary, indent=2) + "\n", encoding="utf-8"
-    )
+    write_json(stage.path("data/spinal/traversal.json"), summary)
     stage.log_metrics(summary)
 
 

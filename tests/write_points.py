@@ -134,7 +134,8 @@ def _toy_rounds(disk: Path, home: Path) -> None:
 
 
 def _run_file(disk: Path, home: Path, trials: int) -> None:
-    from hdsafebo.runs.write import TIMES, write_run_file
+    from hdsafebo.runs.schema import TIMES
+    from hdsafebo.runs.write import write_run_file
 
     rows = _toy_run(home).rows
     tall = {name: np.repeat(column, trials, axis=0) for name, column in rows.items()}
@@ -143,7 +144,7 @@ def _run_file(disk: Path, home: Path, trials: int) -> None:
 
 
 def _metadata() -> Any:
-    from hdsafebo.runs.write import RunMetadata
+    from hdsafebo.runs.schema import RunMetadata
 
     return RunMetadata(
         task="synthetic", method="toy", profile="test", settings={}, safety_names=[], thresholds=[],

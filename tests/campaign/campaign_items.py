@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from hdsafebo.campaign.item import run_item, run_path
 from hdsafebo.params import parse_params
 from hdsafebo.pipeline.tracking import Tracker
-from hdsafebo.runs.write import TIMES
+from hdsafebo.runs.schema import TIMES
 
 Content = tuple[pa.Schema, dict[str, Any]]
 

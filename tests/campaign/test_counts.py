@@ -16,7 +16,7 @@ from hdsafebo.campaign.journal import Journal
 from hdsafebo.campaign.runner import RunResult
 from hdsafebo.gp import fit as gp_fit
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
-from hdsafebo.runs.write import METADATA_KEY, RunCounts
+from hdsafebo.runs.schema import METADATA_KEY, RunCounts
 
 _EVALUATE = gp_fit._Search._evaluate
 
@@ -118,4 +118,6 @@ def test_the_run_file_holds_the_counts_of_each_seed(tmp_path: Path, monkeypatch:
 
 def test_trials_that_abstention_left_out_are_counted(tmp_path: Path) -> None:
     result = toys.run_toy(toys.toy_spec(tmp_path, trials=60, abstain_after=31))
-    assert result.counts == RunCounts(0, 0, 0, 0, 29, "the toy has seen enough")
+    assert result.counts == RunCounts(
+        fits=0, jitters=0, fallbacks=0, marked=0, missing=29, abstained="the toy has seen enough"
+    )

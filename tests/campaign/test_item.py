@@ -25,7 +25,8 @@ from campaign_items import (
 from hdsafebo.campaign.item import run_path
 from hdsafebo.errors import DatasetError, JournalError, ParamsError
 from hdsafebo.runs.read import read_run
-from hdsafebo.runs.write import TIMES, Rows, RunMetadata, write_run_file
+from hdsafebo.runs.schema import TIMES, Rows, RunMetadata
+from hdsafebo.runs.write import write_run_file
 
 
 @pytest.fixture(autouse=True)

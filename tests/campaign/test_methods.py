@@ -12,7 +12,7 @@ from hdsafebo.campaign.rounds import Round, RunJournal
 from hdsafebo.campaign.run_spec import RunSpec
 from hdsafebo.campaign.runner import run
 from hdsafebo.optimizers.registry import METHODS
-from hdsafebo.runs.write import TIMES
+from hdsafebo.runs.schema import TIMES
 
 FAST = ("hdsafebo", "hdsafebo_local", "sobol")
 ON_FINITE_SETS = ("random_lowest", "thompson_rows")

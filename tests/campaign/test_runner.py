@@ -18,7 +18,7 @@ from hdsafebo.campaign.journal import Journal
 from hdsafebo.campaign.run_spec import RunSpec
 from hdsafebo.campaign.runner import RunResult, run
 from hdsafebo.errors import JournalError, ParamsError, StateFileError
-from hdsafebo.runs.write import TIMES, Rows
+from hdsafebo.runs.schema import TIMES, Rows
 
 Patch = pytest.MonkeyPatch
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import ndtr, ndtri
-
-from hdsafebo.report.stats.statistics import clopper_pearson
+from scipy.stats import binomtest
 
 FEW, ALL = 20, 200
 ROUNDS = {FEW: 8, ALL: 5}
@@ -45,10 +44,13 @@ def asked(problems: int, alpha: float, *, given: bool = True) -> Any:
 def outside(table: dict[str, Any]) -> list[dict[str, Any]]:
     """Bins whose mean prediction is not in the interval of what was observed."""
     bins = table["bins"]
-    n = np.array([b["trials"] for b in bins])
-    safe = np.round(n * [b["observed"] for b in bins])
-    low, high = clopper_pearson(safe, n, 1 - (1 - JOINT) / len(bins))
-    return [b for b, lo, hi in zip(bins, low, high, strict=True) if not lo <= b["predicted"] <= hi]
+    level = 1 - (1 - JOINT) / len(bins)
+    found = []
+    for b in bins:
+        limits = binomtest(round(b["trials"] * b["observed"]), b["trials"]).proportion_ci(level, "exact")
+        if not limits.low <= b["predicted"] <= limits.high:
+            found.append(b)
+    return found
 
 
 @SIZES

@@ -9,9 +9,8 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
+from report.run_files import trial_table, write_run
 
 from hdsafebo.errors import RenderingUnavailableError
 from hdsafebo.hand import render
@@ -48,27 +47,17 @@ def script(project_root: Path) -> ModuleType:
 def stage(tmp_path: Path) -> Stage:
     """A project with run files of two proposed trials each."""
     (tmp_path / SYNERGY_FILE).parent.mkdir(parents=True)
-    (tmp_path / "data/runs").mkdir(parents=True)
     hand = Scene("forearm", horizon=8).simulation().hand
     basis = np.eye(43)[:10]
     synergies = Synergies(
         np.full(43, 0.3), basis, np.linspace(0.1, 1, 10), hand.muscles, hand.variant, hand.digest
     )
     save_synergies(tmp_path / SYNERGY_FILE, synergies)
-    z = 0.1 * np.random.default_rng(0).standard_normal((2, 275))
+    z = 0.1 * np.random.default_rng(0).standard_normal((3, 275))
     for method, (objective, safe) in RUNS.items():
-        columns = {
-            "seed": [0, 0],
-            "trial": [1, 2],
-            "initial": [False, False],
-            "objective": objective,
-            "safe": safe,
-            "status": ["completed"] * 2,
-            "z": z.tolist(),
-        }
-        metadata = {b"hdsafebo": json.dumps({"method": method, "space": "latent"}).encode()}
-        table = pa.table(columns).replace_schema_metadata(metadata)
-        pq.write_table(table, tmp_path / f"data/runs/hand_informed-{method}.parquet")
+        safety = [1.0 if known else -1.0 for known in (True, *safe)]
+        trials = trial_table(0, [-9.0, *objective], safety, n_initial=1, batch=1)
+        write_run(tmp_path, "hand_informed", method, [trials], n_initial=1, batch=1, z=z.tolist())
     task = SimpleNamespace(tasks=["hand", "hand_informed"], methods=list(RUNS))
     params = SimpleNamespace(hand=HAND, tasks=SimpleNamespace(hand=task))
     tracker = Tracker("replay_policies", {}, tmp_path, enabled=False)

@@ -23,6 +23,7 @@ METADATA = {
     "space": "latent",
     "dimension": 2,
 }
+NO_FAULTS = {"fits": 0, "jitters": 0, "fallbacks": 0, "marked": 0, "missing": 0, "abstained": None}
 
 
 def trial_table(
@@ -73,6 +74,7 @@ def write_run(
     *,
     n_initial: int,
     batch: int,
+    z: Sequence[Sequence[float]] | None = None,
     **metadata: object,
 ) -> Path:
     """Write `data/runs/<task>-<method>.parquet` below `root`."""
@@ -80,9 +82,11 @@ def write_run(
     seeds = sorted(frame["seed"].unique().tolist())
     n_trials = int(frame["trial"].max()) + 1
     sizes = {"seeds": seeds, "n_initial": n_initial, "batch": batch, "n_trials": n_trials}
+    sizes["counts"] = [NO_FAULTS] * len(seeds)
     content = METADATA | {"task": task, "method": method} | sizes | metadata
     table = pa.Table.from_pandas(frame, preserve_index=False)
-    table = table.append_column("z", pa.array([[0.0, 1.0]] * len(frame), pa.list_(pa.float32())))
+    searched = [[0.0, 1.0]] * len(frame) if z is None else z
+    table = table.append_column("z", pa.array(searched, pa.list_(pa.float32())))
     path = root / "data/runs" / f"{task}-{method}.parquet"
     path.parent.mkdir(parents=True, exist_ok=True)
     pq.write_table(table.replace_schema_metadata({b"hdsafebo": json.dumps(content).encode()}), path)

@@ -2,57 +2,44 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from report.run_files import trial_table, write_run
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.runs.best_trial import best_trial
 
-ROWS: dict[str, list] = {
-    "seed": [7, 7, 7, 8, 8, 8, 8],
-    "trial": [0, 1, 2, 0, 1, 2, 3],
-    "initial": [True, False, False, True, False, False, False],
-    "objective": [9.0, 5.0, 6.0, 1.0, 8.0, 7.0, float("nan")],
-    "safe": [True, True, True, True, False, True, False],
-    "status": [*["completed"] * 6, "failed"],
-    "z": [[float(k), -float(k)] for k in range(7)],
-}
+NAN = float("nan")
 
 
-def write(path: Path, **changed: list) -> Path:
-    metadata = {b"hdsafebo": json.dumps({"method": "sobol", "space": "latent"}).encode()}
-    pq.write_table(pa.table(ROWS | changed).replace_schema_metadata(metadata), path)
-    return path
+def write(root: Path, safety: float = 1.0) -> Path:
+    """Two seeds of one initial and some chosen trials: the best, at trial 1 of seed 8, is not safe."""
+    first = trial_table(7, [9, 5, 6], [1, safety, safety], n_initial=1, batch=1)
+    second = trial_table(8, [1, 8, 7, NAN], [1, -1, safety, 1], n_initial=1, batch=1)
+    z = [[float(k), -float(k)] for k in range(7)]
+    return write_run(root, "toy", "sobol", [first, second], n_initial=1, batch=1, z=z)
 
 
-def test_best_of_the_safe_proposed_trials(tmp_path: Path) -> None:
-    found = best_trial(write(tmp_path / "run.parquet"))
+def test_best_of_the_safe_chosen_trials(tmp_path: Path) -> None:
+    found = best_trial(write(tmp_path))
     assert found is not None
-    assert (found.method, found.seed, found.trial, found.objective, found.latent) == (
-        "sobol",
-        8,
-        2,
-        7.0,
-        True,
-    )
+    assert (found.method, found.seed, found.trial) == ("sobol", 8, 2)
+    assert (found.objective, found.latent) == (7.0, True)
     np.testing.assert_array_equal(found.z, [5.0, -5.0])
-    assert found.mean_best == pytest.approx(
-        (9 + 7) / 2
-    )  # best safe values of the runs, initial ones included
+    assert found.mean_best == pytest.approx((9 + 7) / 2), "initial trials count for the best of a run"
 
 
-def test_none_when_nothing_proposed_was_safe(tmp_path: Path) -> None:
-    assert best_trial(write(tmp_path / "run.parquet", safe=ROWS["initial"])) is None
+def test_none_when_no_chosen_trial_was_safe(tmp_path: Path) -> None:
+    assert best_trial(write(tmp_path, safety=-1.0)) is None
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="cannot be read as a run file"):
+    with pytest.raises(DatasetError, match="cannot be read as parquet"):
         best_trial(tmp_path / "none.parquet")
-    pq.write_table(pa.table(ROWS), tmp_path / "plain.parquet")
-    with pytest.raises(DatasetError, match="cannot be read as a run file"):
-        best_trial(tmp_path / "plain.parquet")
+    path = write(tmp_path)
+    pq.write_table(pq.read_table(path).drop_columns("z"), path)
+    with pytest.raises(DatasetError, match="column z cannot be read"):
+        best_trial(path)

@@ -25,7 +25,7 @@ def test_reads_rows_and_metadata(tmp_path: Path) -> None:
     assert (run.meta.optimum, run.meta.beta, run.meta.n_trials) == (4.0, 2.0, 4)
     assert run.trials["objective"].tolist()[:3] == [1.0, 2.0, 3.0]
     assert run.trials["status"].tolist() == ["completed"] * 3 + ["failed"]
-    assert run.optimised["trial"].tolist() == [2], "initial and failed trials are not the method's choices"
+    assert run.chosen["trial"].tolist() == [2], "initial and failed trials are not the method's choices"
 
 
 def test_rows_are_sorted(tmp_path: Path) -> None:

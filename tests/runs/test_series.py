@@ -32,19 +32,21 @@ def run(tmp_path: Path) -> RunFile:
 
 
 def test_curves(run: RunFile) -> None:
-    curves = per_round(run)
+    curves = per_round(run.trials)
     assert curves.units == ("0", "1")
     np.testing.assert_array_equal(curves.objective, [[1, 2, 3, 4], [NAN, 3, 3, 3]])
     np.testing.assert_allclose(curves.safety, [[NAN, 1 / 2, 2 / 3, 3 / 5], [NAN, 1, 1, 1]])
     np.testing.assert_allclose(curves.violation, [[0, 2, 2, 2.5], [0, 0, 0, 0]])
     np.testing.assert_allclose(curves.trials, [2, 4, 5, 6])
+    np.testing.assert_allclose(curves.seconds, [[0, 0.5, 0.5, 0.5], [0, 1.5, NAN, NAN]])
+    assert np.isnan(curves.region_length).all()
 
 
 def test_mean_and_error_over_known_values(run: RunFile) -> None:
-    mean, error = per_round(run).mean_and_error("objective")
+    mean, error = per_round(run.trials).mean_and_error("objective")
     np.testing.assert_allclose(mean, [1, 2.5, 3, 3.5])
     np.testing.assert_allclose(error, [NAN, 0.5, 0, 0.5], err_msg="|a - b| / 2 for two values; none for one")
-    safety, _ = per_round(run).mean_and_error("safety")
+    safety, _ = per_round(run.trials).mean_and_error("safety")
     assert np.isnan(safety[0])
 
 
@@ -59,7 +61,7 @@ def test_final_metrics(run: RunFile) -> None:
     np.testing.assert_allclose(table["violation"], [2.5, 0])
     np.testing.assert_allclose(table["violation_bound"], [0.5, 0.4], err_msg="one bound per completed trial")
     assert table["seconds_per_round"].tolist() == [0.5, 1.5]
-    assert table["optimised"].tolist() == [5, 2]
+    assert table["chosen"].tolist() == [5, 2]
     assert table["failed"].tolist() == [1, 0]
 
 
@@ -69,6 +71,6 @@ def test_early_violation_counts_the_first_share_of_the_optimised_trials(run: Run
 
 
 def test_pool_makes_each_part_a_unit(run: RunFile) -> None:
-    pooled = pool({"a": per_round(run), "b": per_round(run)})
+    pooled = pool({"a": per_round(run.trials), "b": per_round(run.trials)})
     assert pooled.units == ("a", "b")
     np.testing.assert_allclose(pooled.objective, [[1, 2.5, 3, 3.5]] * 2)

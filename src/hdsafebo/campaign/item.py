@@ -16,13 +16,14 @@ from hdsafebo.params import Params
 from hdsafebo.pipeline.tracking import Tracker
 from hdsafebo.problems.registry import family_of
 from hdsafebo.progress import progress
-from hdsafebo.runs.rounds import mean_series, round_series
-from hdsafebo.runs.write import RunMetadata, write_run_file
+from hdsafebo.runs.schema import RunMetadata, run_name
+from hdsafebo.runs.series import per_round_of
+from hdsafebo.runs.write import write_run_file
 
 
 def run_path(task: str, method: str, root: Path) -> Path:
     """The run file of a method on a task."""
-    return root / "data" / "runs" / f"{task}-{method}.parquet"
+    return root / "data" / "runs" / f"{run_name(task, method)}.parquet"
 
 
 def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracker) -> list[RunResult]:
@@ -74,12 +75,12 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         def on_result(spec: RunSpec, result: RunResult) -> None:
             finished[spec.seed] = result
             watcher.finish(spec.seed, budget.trials)
-            steps, series = round_series(result.rows)
+            curves = per_round_of([result.rows])
             tracker.log_child(
                 f"{method} {spec.seed}",
                 {"seed": spec.seed, "method": method, "task": task},
-                steps.tolist(),
-                {name: values.tolist() for name, values in series.items()},
+                curves.trials.astype(int).tolist(),
+                curves.mean_curves(),
             )
 
         specs = [RunSpec(task, method, seed, plain, str(root), directory) for seed in seeds]
@@ -100,8 +101,8 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         **_common_facts(results),
     )
     write_run_file(run_path(task, method, root), [result.rows for result in results], metadata)
-    steps, means = mean_series([result.rows for result in results])
-    tracker.log_series(steps.tolist(), {name: values.tolist() for name, values in means.items()})
+    curves = per_round_of([result.rows for result in results])
+    tracker.log_series(curves.trials.astype(int).tolist(), curves.mean_curves())
     return results
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from hdsafebo.campaign.journal import Journal
 from hdsafebo.errors import JournalError
 from hdsafebo.pipeline.provenance import digest_file, digest_json
-from hdsafebo.runs.write import Rows
+from hdsafebo.runs.schema import Rows
 from hdsafebo.trials import Trials
 
 _KEY_LENGTH = 24

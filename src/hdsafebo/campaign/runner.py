@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,8 @@ from hdsafebo.optimizers.registry import ORIGINAL_SUFFIX, load_optimizer, make_o
 from hdsafebo.params import Budget
 from hdsafebo.problem import Problem
 from hdsafebo.problems.registry import Task, make_task
-from hdsafebo.runs.write import Rows, RunCounts, join_rows, rows_of, safety_columns
+from hdsafebo.runs.schema import Rows, RunCounts, safety_columns
+from hdsafebo.runs.write import join_rows, rows_of
 from hdsafebo.trials import Evaluation, Trials
 
 _STATE_SHARE = 0.05  # of the run's time may go into saving states
@@ -39,7 +40,7 @@ class RunResult:
     Attributes:
         seed: its seed.
         rows: its trials.
-        facts: what does not depend on the seed (see `run_file.RunMetadata`).
+        facts: what does not depend on the seed (see `runs.schema.RunMetadata`).
         counts: of failed fits, marked and missing trials.
     """
 
@@ -110,7 +111,7 @@ class _Run:
     def finish(self) -> None:
         """Do all rounds that are missing."""
         abstained = self._all_rounds()
-        self.journal.finish({"facts": self._facts(), "counts": asdict(self._counts(abstained))})
+        self.journal.finish({"facts": self._facts(), "counts": self._counts(abstained).model_dump()})
 
     def _all_rounds(self) -> str | None:
         """Why the method abstained from the rest of the trials; None if it did not."""
@@ -240,6 +241,7 @@ class _Run:
             marked=int(trials.marked_unsafe.sum()),
             missing=self.budget.trials - len(trials),
             abstained=abstained,
+            certified=self.optimizer.certified_points,
         )
 
     def _facts(self) -> dict[str, Any]:

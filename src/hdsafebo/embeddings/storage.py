@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from hdsafebo.errors import EmbeddingFileError
+from hdsafebo.files.atomic import replacing, write_json
 
 Tensor = NDArray[np.floating]
 
@@ -64,17 +65,17 @@ def write_files(path: Path, tensors: Mapping[str, Tensor], **card: Any) -> None:
     """Write `path` (`.safetensors`) and its card (`.json`, the fields of `Card` but for the checksum).
 
     Raises:
-        EmbeddingFileError: another suffix.
+        EmbeddingFileError: another suffix, or a file that cannot be written. A card that was not written
+            does not fit the tensors, which are then refused.
     """
     from safetensors.numpy import save
 
     card_path = card_of(path)
     data = save({key: np.ascontiguousarray(value) for key, value in tensors.items()})
     filled = Card(sha256=hashlib.sha256(data).hexdigest(), **json.loads(json.dumps(card)))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data)
-    text = json.dumps(filled.model_dump(mode="json"), indent=1, sort_keys=True)
-    card_path.write_text(text + "\n", encoding="utf-8")
+    with replacing(path, EmbeddingFileError) as temporary:
+        temporary.write_bytes(data)
+    write_json(card_path, filled.model_dump(mode="json"), EmbeddingFileError, sort_keys=True)
 
 
 def read_card(path: Path) -> Card:

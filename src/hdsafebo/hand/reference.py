@@ -7,7 +7,6 @@ and W' differ by tr((W - W') S (W - W')'): the mean square difference of their s
 
 from __future__ import annotations
 
-import json
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from hdsafebo.errors import HandModelError
+from hdsafebo.files.atomic import write_json
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.rollout import Episodes, Scene, episode
 from hdsafebo.hand.scene.model import HandModel
@@ -77,7 +77,7 @@ class Difficulty:
 
     def write(self, path: Path) -> None:
         """Write as JSON."""
-        path.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+        write_json(path, asdict(self))
 
 
 def observation_moment(

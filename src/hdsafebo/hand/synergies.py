@@ -13,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from hdsafebo.errors import DatasetError, HandModelError
+from hdsafebo.files.atomic import write_json
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.scene.model import HandModel
@@ -120,7 +121,7 @@ def save_synergies(path: Path, synergies: Synergies) -> None:
     }
     save_file(arrays, path, metadata={"card": json.dumps(card)})
     shares = {"variance_accounted_for": [round(float(v), 6) for v in synergies.explained]}
-    path.with_suffix(".json").write_text(json.dumps(card | shares, indent=1) + "\n", encoding="utf-8")
+    write_json(path.with_suffix(".json"), card | shares)
 
 
 def load_synergies(path: Path, hand: HandModel) -> Synergies:

@@ -393,6 +393,11 @@ class Optimizer(ABC):
         return rows_near_best(self._ledger, self.kernel_inputs, self.settings.max_fitted_trials)
 
     @property
+    def certified_points(self) -> int | None:
+        """Points of its own discretisation that the method certified, at most in any round; None if it has none."""
+        return None
+
+    @property
     def fit_counts(self) -> FitCounts:
         """Fits that rounds were asked with so far, and how many of them were in numerical trouble."""
         return self._fits.counts

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from hdsafebo.files.atomic import write_json
 from hdsafebo.report.data.inputs import Inputs
 from hdsafebo.report.data.results import Results
-from hdsafebo.runs.series import METRICS
+from hdsafebo.runs.series import CURVE_NAMES, METRICS
 
 SUMMARY_METRICS = (*METRICS, "seconds_per_round")
-CURVE_COLUMNS = {
-    "objective": "best_safe_objective",
-    "safety": "safety_ratio",
-    "violation": "cumulative_violation",
-}
 
 
 def summary(results: Results, inputs: Inputs, *, profile: str, git_revision: str | None) -> dict[str, Any]:
@@ -30,7 +25,7 @@ def summary(results: Results, inputs: Inputs, *, profile: str, git_revision: str
     for task in results.experiments + results.digit_tasks:
         found[task] = {
             method: {metric: _numbers(results, task, method, metric) for metric in SUMMARY_METRICS}
-            | _counts(results, task, method)
+            | {"counts": results.counts(task, method).model_dump()}
             for method in results.methods(task)
         }
     if inputs.stimulation is not None:
@@ -50,18 +45,13 @@ def _numbers(results: Results, task: str, method: str, metric: str) -> dict[str,
     return {"mean": _known(e.mean), "se": _known(e.se), "runs": e.runs}
 
 
-def _counts(results: Results, task: str, method: str) -> dict[str, dict[str, int]]:
-    counts = results.counts(task, method)
-    return {} if counts is None else {"counts": counts.model_dump()}
-
-
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
 def write_summary(path: Path, content: dict[str, Any]) -> None:
     """Write JSON without NaN."""
-    path.write_text(json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(path, content, sort_keys=True)
 
 
 def curve_table(results: Results, task: str) -> pd.DataFrame:
@@ -74,7 +64,8 @@ def curve_table(results: Results, task: str) -> pd.DataFrame:
             "round": range(len(series.trials)),
             "trials": series.trials,
         }
-        for metric, name in CURVE_COLUMNS.items():
+        for metric in METRICS:
+            name = CURVE_NAMES[metric]
             columns[name], columns[f"{name}_se"] = series.mean_and_error(metric)
         tables.append(pd.DataFrame(columns))
     return pd.concat(tables, ignore_index=True)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.runs.write import METADATA_KEY
-
-_COLUMNS = ["seed", "trial", "initial", "objective", "safe", "status", "z"]
+from hdsafebo.runs.read import read_run
+from hdsafebo.typing import FloatArray
 
 
 @dataclass(frozen=True)
@@ -33,7 +30,7 @@ class BestTrial:
     seed: int
     trial: int
     objective: float
-    z: NDArray[np.float64]
+    z: FloatArray
     latent: bool
     mean_best: float
 
@@ -47,22 +44,32 @@ def best_trial(path: Path) -> BestTrial | None:
     Raises:
         DatasetError: the file cannot be read as a run file.
     """
+    run = read_run(path)
+    proposed = run.chosen[run.chosen["safe"]]
+    if proposed.empty:
+        return None
+    best = proposed.iloc[int(proposed["objective"].to_numpy().argmax())]
+    safe = run.trials[run.trials["safe"] & (run.trials["status"] == "completed")]
+    seed, trial = int(best["seed"]), int(best["trial"])
+    return BestTrial(
+        method=run.meta.method,
+        seed=seed,
+        trial=trial,
+        objective=float(best["objective"]),
+        z=_searched(path, seed, trial),
+        latent=run.meta.space == "latent",
+        mean_best=float(safe.groupby("seed")["objective"].max().mean()),
+    )
+
+
+def _searched(path: Path, seed: int, trial: int) -> FloatArray:
+    """(d,) coordinates of one trial; they are the bulk of the file, so that `read_run` leaves them out."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        table = pq.ParquetFile(path).read(columns=_COLUMNS)
-        facts = json.loads((table.schema.metadata or {})[METADATA_KEY])
-        method, space = str(facts["method"]), facts["space"]
-    except (OSError, KeyError, ValueError, pa.ArrowException) as error:
-        raise DatasetError(f"{path}: cannot be read as a run file: {error}") from None
-    seeds, objective = (table[name].to_numpy() for name in ("seed", "objective"))
-    safe = table["safe"].to_numpy() & (table["status"].to_numpy() == "completed")
-    proposed = np.flatnonzero(safe & ~table["initial"].to_numpy())
-    if len(proposed) == 0:
-        return None
-    row = int(proposed[objective[proposed].argmax()])
-    best = [float(objective[safe & (seeds == seed)].max()) for seed in np.unique(seeds[safe])]
-    z = np.asarray(table["z"][row].as_py(), float)
-    seed, trial = int(seeds[row]), int(table["trial"][row].as_py())
-    return BestTrial(method, seed, trial, float(objective[row]), z, space == "latent", float(np.mean(best)))
+        table = pq.ParquetFile(path).read(columns=["seed", "trial", "z"])
+        rows = np.flatnonzero((table["seed"].to_numpy() == seed) & (table["trial"].to_numpy() == trial))
+        return np.asarray(table["z"][int(rows[0])].as_py(), float)
+    except (OSError, KeyError, pa.ArrowException) as error:
+        raise DatasetError(f"{path}: column z cannot be read: {error}") from None

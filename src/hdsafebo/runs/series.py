@@ -1,17 +1,29 @@
-"""Per-round curves of a run file: best safe objective, safe share, cumulative violation."""
+"""Curves of runs over their rounds, for the report, for `dvc plots` and for the tracking server's charts."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from hdsafebo.runs.read import RunFile
+from hdsafebo.runs.schema import Rows
+from hdsafebo.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 METRICS = ("objective", "safety", "violation")
+CURVE_NAMES = {
+    "objective": "best_safe_objective",
+    "safety": "safety_ratio",
+    "violation": "cumulative_violation",
+    "region_length": "trust_region_length",
+    "seconds": "seconds_per_round",
+}
+"""Curves and their names in files and charts, where no docstring explains them."""
+_COLUMNS = [
+    "seed", "round", "initial", "objective", "safe", "violation", "trust_region_length", "method_seconds",
+    "status",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -23,8 +35,10 @@ class Series:
         trials: (R+1,) mean number of trials at the end of each round; round 0 is the initial data.
         objective: (S, R+1) best objective among the safe trials so far, initial ones included; NaN
             before the first.
-        safety: (S, R+1) share of safe ones among the optimised trials so far; NaN in round 0.
-        violation: (S, R+1) sum of violations of the optimised trials so far.
+        safety: (S, R+1) share of safe trials among those that the method chose so far; NaN in round 0.
+        violation: (S, R+1) sum of violations of the trials that the method chose so far.
+        region_length: (S, R+1) side of the trust region at the end of each round; NaN without one.
+        seconds: (S, R+1) time that the method took in each round.
     """
 
     units: tuple[str, ...]
@@ -32,6 +46,8 @@ class Series:
     objective: FloatArray
     safety: FloatArray
     violation: FloatArray
+    region_length: FloatArray
+    seconds: FloatArray
 
     def mean_and_error(self, metric: str) -> tuple[FloatArray, FloatArray]:
         """(R+1,) mean and standard error over the units that have a value in that round."""
@@ -45,34 +61,39 @@ class Series:
             error = np.sqrt(spread / n)
         return mean, np.where(n > 1, error, np.nan)
 
+    def mean_curves(self) -> dict[str, list[float]]:
+        """The mean of every curve over the units, R+1 values each, under the names of charts."""
+        return {name: self.mean_and_error(metric)[0].tolist() for metric, name in CURVE_NAMES.items()}
 
-def per_round(run: RunFile) -> Series:
+
+def per_round(trials: pd.DataFrame) -> Series:
     """Curves of every seed of a run file.
 
     A seed that ended early (its method abstained) keeps its last values.
+
+    Args:
+        trials: the rows of a run file, those of a round together.
     """
-    frame = run.trials
-    done = frame["status"] == "completed"
-    optimised = done & ~frame["initial"]
+    completed = trials["status"] == "completed"
+    chosen = completed & ~trials["initial"]
     columns = pd.DataFrame(
         {
-            "seed": frame["seed"],
-            "round": frame["round"],
-            "best": frame["objective"].where(done & frame["safe"], -np.inf),
+            "seed": trials["seed"],
+            "round": trials["round"],
+            "best": trials["objective"].where(completed & trials["safe"], -np.inf),
             "trials": 1.0,
-            "optimised": optimised.astype(float),
-            "safe": (frame["safe"] & optimised).astype(float),
-            "violation": frame["violation"].where(optimised, 0.0),
+            "chosen": chosen.astype(float),
+            "safe": (trials["safe"] & chosen).astype(float),
+            "violation": trials["violation"].where(chosen, 0.0),
+            "region_length": trials["trust_region_length"],
+            "seconds": trials["method_seconds"],
         }
     )
-    rounds = columns.groupby(["seed", "round"]).agg(
-        best=("best", "max"),
-        trials=("trials", "sum"),
-        optimised=("optimised", "sum"),
-        safe=("safe", "sum"),
-        violation=("violation", "sum"),
-    )
-    numbers = range(int(frame["round"].max()) + 1)
+    # The last row has the region's length after the round; the time stands in all rows alike.
+    how = dict.fromkeys(("trials", "chosen", "safe", "violation"), "sum") | {"best": "max"}
+    how |= dict.fromkeys(("region_length", "seconds"), "last")
+    rounds = columns.groupby(["seed", "round"]).agg(how)
+    numbers = range(int(trials["round"].max()) + 1)
 
     def table(name: str, missing: float) -> FloatArray:
         """(S, R+1) values of one column."""
@@ -80,16 +101,23 @@ def per_round(run: RunFile) -> Series:
         return wide.fillna(missing).to_numpy(float)
 
     best = np.maximum.accumulate(table("best", -np.inf), axis=1)
-    count, safe = table("optimised", 0.0).cumsum(axis=1), table("safe", 0.0).cumsum(axis=1)
+    count, safe = table("chosen", 0.0).cumsum(axis=1), table("safe", 0.0).cumsum(axis=1)
     with np.errstate(invalid="ignore"):
         safety = np.where(count > 0, safe / np.maximum(count, 1), np.nan)
     return Series(
-        units=tuple(str(seed) for seed in sorted(frame["seed"].unique())),
+        units=tuple(str(seed) for seed in sorted(trials["seed"].unique())),
         trials=table("trials", 0.0).cumsum(axis=1).mean(axis=0),
         objective=np.where(np.isfinite(best), best, np.nan),
         safety=safety,
         violation=table("violation", 0.0).cumsum(axis=1),
+        region_length=table("region_length", np.nan),
+        seconds=table("seconds", np.nan),
     )
+
+
+def per_round_of(runs: Sequence[Rows]) -> Series:
+    """Curves of runs that are not yet in a file; see `per_round`."""
+    return per_round(pd.concat([pd.DataFrame({name: rows[name] for name in _COLUMNS}) for rows in runs]))
 
 
 def pool(parts: dict[str, Series]) -> Series:
@@ -98,6 +126,9 @@ def pool(parts: dict[str, Series]) -> Series:
     Parts of different length are cut to the shortest.
     """
     length = min(len(part.trials) for part in parts.values())
-    means = {m: np.stack([part.mean_and_error(m)[0][:length] for part in parts.values()]) for m in METRICS}
     trials = np.mean([part.trials[:length] for part in parts.values()], axis=0)
-    return Series(tuple(parts), trials, means["objective"], means["safety"], means["violation"])
+    curves = {
+        name: np.stack([part.mean_and_error(name)[0][:length] for part in parts.values()])
+        for name in CURVE_NAMES
+    }
+    return Series(tuple(parts), trials, **curves)

@@ -1,4 +1,4 @@
-"""Run files: `data/runs/<task>-<method>.parquet`, one row per trial of every seed.
+"""Writes run files; see `schema` for what they hold.
 
 The same parameters give the same bytes, but for the two columns of times: revision, host and date are
 left to the tracking server.
@@ -7,10 +7,7 @@ left to the tracking server.
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,108 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.files.atomic import replacing
 from hdsafebo.problem import Problem
+from hdsafebo.runs.schema import (
+    METADATA_KEY,
+    STATUS_NAMES,
+    Rows,
+    RunMetadata,
+    arrow_type,
+    safety_columns,
+)
 from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import FloatArray
 
 if TYPE_CHECKING:
-    import pyarrow
-
-METADATA_KEY = b"hdsafebo"
-TIMES = ("method_seconds", "evaluate_seconds")
-_TYPES = {
-    "seed": "int32",
-    "trial": "int32",
-    "round": "int32",
-    "initial": "bool",
-    "objective": "float64",
-    "safety": "float64",
-    "safe": "bool",
-    "violation": "float64",
-    "predicted_safe_probability": "float64",
-    "violation_bound": "float64",
-    "trust_region_length": "float64",
-    "method_seconds": "float64",
-    "evaluate_seconds": "float64",
-    "status": "str",
-    "marked_unsafe": "bool",
-    "candidate": "int64",
-}
-_STATUS_NAMES = {Status.COMPLETED: "completed", Status.FAILED: "failed"}
-
-Rows = dict[str, NDArray]
-"""Columns of a run file (k,) and `z` (k, d) float32."""
-
-
-@dataclass(frozen=True)
-class RunCounts:
-    """What went wrong in the run of one seed without ending it, and what ended it early.
-
-    Attributes:
-        fits: Gaussian processes that rounds were asked with, those of all functions counted.
-        jitters: fits that needed a larger diagonal than the noise.
-        fallbacks: fits that failed, so that the last good hyper-parameters were kept.
-        marked: trials that were not believed safe, and marked as such.
-        missing: trials of the budget that were not made because the method abstained.
-        abstained: why the method ended before the trials were used up; None if it did not.
-    """
-
-    fits: int
-    jitters: int
-    fallbacks: int
-    marked: int
-    missing: int
-    abstained: str | None
-
-
-@dataclass(frozen=True)
-class RunMetadata:
-    """What a run file says about itself.
-
-    Attributes:
-        task: name of the task.
-        method: name of the method.
-        profile: name of the sizes it was run with.
-        settings: the method's settings.
-        safety_names: safety functions in the order of the problem.
-        thresholds: one per safety function.
-        beta: scalar of the confidence bound of the safe set; None without one.
-        guaranteed_alpha: safe probability per trial that this beta guarantees; None without one.
-        optimum: best safe objective when it is known and the same for all seeds.
-        n_initial: trials before the optimiser starts.
-        batch: trials per round.
-        n_trials: all trials of a run, the initial ones included.
-        seeds: one per run.
-        counts: one per run, in the same order.
-        space: what is searched, 'latent' or 'original'.
-        dimension: number of searched coordinates.
-        given: what the task gave, by name, see `problems.knowledge`.
-        unused: names of what was given and this method does not use.
-    """
-
-    task: str
-    method: str
-    profile: str
-    settings: Mapping[str, object]
-    safety_names: list[str]
-    thresholds: list[float]
-    beta: float | None
-    guaranteed_alpha: float | None
-    optimum: float | None
-    n_initial: int
-    batch: int
-    n_trials: int
-    seeds: list[int]
-    counts: list[RunCounts]
-    space: str
-    dimension: int
-    given: Mapping[str, str]
-    unused: list[str]
-
-
-def safety_columns(problem: Problem) -> list[str]:
-    """Column names of the problem's safety functions: `safety` for the first that is reported."""
-    first = next(j for j, s in enumerate(problem.safety) if s.reported)
-    return ["safety" if j == first else f"safety_{s.name}" for j, s in enumerate(problem.safety)]
+    import pyarrow as pa
 
 
 def rows_of(
@@ -145,16 +55,37 @@ def rows_of(
         **safety,
         "safe": problem.is_safe(trials.safety),
         "violation": problem.violation(trials.safety),
+        "modelled_violation": modelled_violation(problem, trials.safety),
         "predicted_safe_probability": trials.predicted_safe_probability,
         "violation_bound": trials.violation_bound,
         "trust_region_length": trials.trust_region_length,
         "method_seconds": np.full(n, method_seconds),
         "evaluate_seconds": np.full(n, evaluate_seconds),
-        "status": np.array([_STATUS_NAMES[Status(s)] for s in trials.status]),
+        "status": np.array([STATUS_NAMES[Status(s)] for s in trials.status]),
         "marked_unsafe": trials.marked_unsafe,
         "candidate": trials.candidate.astype(np.int64),
         "z": trials.z.astype(np.float32),
     }
+
+
+def modelled_violation(problem: Problem, safety: FloatArray) -> FloatArray:
+    """(n,) sum over modelled safety functions of max(0, h - g), both as they are modelled."""
+    modelled = [(j, s) for j, s in enumerate(problem.safety) if s.modelled]
+    total = np.zeros(len(safety))
+    for j, function in modelled:
+        values, threshold = safety[:, j], np.array([function.threshold])
+        if function.transform is not None:
+            values, threshold = function.transform(values), function.transform(threshold)
+        total += np.maximum(0.0, threshold - values)
+    return total
+
+
+def repeats(z: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(k,) True for rows of (k, d) points that equal an earlier one."""
+    _, first = np.unique(z, axis=0, return_index=True)
+    again = np.ones(len(z), bool)
+    again[first] = False
+    return again
 
 
 def join_rows(parts: Sequence[Rows]) -> Rows:
@@ -175,33 +106,21 @@ def write_run_file(path: Path, runs: Sequence[Rows], metadata: RunMetadata) -> N
     """
     import pyarrow.parquet as pq
 
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("wb") as file:
-            pq.write_table(_table(runs, metadata), file, compression="zstd")
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            temporary.unlink()
-        raise DatasetError(
-            f"{path}: cannot be written: {error.strerror or error}; the runs are kept"
-        ) from error
+    table = _table(runs, metadata)
+    with replacing(path, DatasetError, advice="the runs are kept") as temporary:
+        pq.write_table(table, temporary, compression="zstd")
 
 
-def _table(runs: Sequence[Rows], metadata: RunMetadata) -> pyarrow.Table:
+def _table(runs: Sequence[Rows], metadata: RunMetadata) -> pa.Table:
     import pyarrow as pa
 
-    names = ("str", pa.string()), ("bool", pa.bool_()), ("int32", pa.int32()), ("int64", pa.int64())
-    arrow_types = dict(names) | {"float64": pa.float64()}
     columns: dict[str, pa.Array] = {}
-    for name, joined in join_rows(runs).items():
+    rows = join_rows([run | {"repeated": repeats(run["z"])} for run in runs])
+    for name, joined in rows.items():
         if name == "z":
             offsets = np.arange(0, joined.size + 1, joined.shape[1], dtype=np.int32)
-            columns[name] = pa.ListArray.from_arrays(offsets, pa.array(joined.ravel(), pa.float32()))
+            columns[name] = pa.ListArray.from_arrays(offsets, joined.ravel(), type=arrow_type(name))
         else:
-            columns[name] = pa.array(joined, arrow_types[_TYPES.get(name, "float64")])
-    text = json.dumps(asdict(metadata), sort_keys=True, allow_nan=False)
+            columns[name] = pa.array(joined, arrow_type(name))
+    text = json.dumps(metadata.model_dump(mode="json"), sort_keys=True, allow_nan=False)
     return pa.table(columns).replace_schema_metadata({METADATA_KEY: text.encode()})

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from hdsafebo.report.stats.calibration import calibrate
 from hdsafebo.report.stats.regret import regret
-from hdsafebo.report.stats.statistics import clopper_pearson
 from hdsafebo.runs.read import read_run
 from report.run_files import trial_table, write_run
 
@@ -27,8 +27,12 @@ def test_bins_and_scores(tmp_path: Path) -> None:
     assert c.bins["trials"].tolist() == [2, 4]
     np.testing.assert_allclose(c.bins["predicted"], [0.1, 3.7 / 4])
     np.testing.assert_allclose(c.bins["observed"], [0.5, 0.75])
-    low, high = clopper_pearson([1, 3], [2, 4], 0.95)
-    np.testing.assert_allclose(c.bins[["observed_low", "observed_high"]], np.column_stack([low, high]))
+    # Clopper and Pearson: the limits at which 1 of 2 and 3 of 4 leave 2.5 % in a tail of the binomial.
+    for (low, high), (k, n) in zip(
+        c.bins[["observed_low", "observed_high"]].to_numpy(), [(1, 2), (3, 4)], strict=True
+    ):
+        assert binom.sf(k - 1, n, low) == pytest.approx(0.025)
+        assert binom.cdf(k, n, high) == pytest.approx(0.025)
     assert c.observed == pytest.approx(4 / 6)
     assert c.predicted == pytest.approx(3.9 / 6)
     assert c.brier == pytest.approx((0.01 + 0.81 + 0.01 + 0.01 + 0.81 + 0.0) / 6)

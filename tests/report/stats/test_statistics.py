@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import binomtest, norm
+from scipy.stats import norm
 
-from hdsafebo.report.stats.statistics import Comparison, clopper_pearson, compare, estimate
+from hdsafebo.report.stats.statistics import Comparison, compare, estimate
 
 
 def versus(a: list[float], b: list[float], *, higher_is_better: bool = True) -> Comparison:
@@ -109,21 +109,6 @@ def test_rate_of_false_significance_is_at_most_five_percent() -> None:
         d = pd.Series(rng.normal(0.0, 1.0, 10)).rename(index=str)
         false += compare(d, d * 0, rng, higher_is_better=True, samples=300, confidence=0.95).significant
     assert false / 400 <= 0.05 + 2 * math.sqrt(0.05 * 0.95 / 400)
-
-
-def test_clopper_pearson_closed_forms() -> None:
-    low, high = clopper_pearson([0, 10], [10, 10], 0.95)
-    assert low[0] == 0
-    assert high[0] == pytest.approx(1 - 0.025 ** (1 / 10))
-    assert low[1] == pytest.approx(0.025 ** (1 / 10))
-    assert high[1] == 1
-
-
-@pytest.mark.parametrize(("k", "n"), [(1, 7), (3, 7), (50, 300), (299, 300)])
-def test_clopper_pearson_against_scipy(k: int, n: int) -> None:
-    low, high = clopper_pearson(k, n, 0.9)
-    expected = binomtest(k, n).proportion_ci(0.9, method="exact")
-    assert (float(low), float(high)) == pytest.approx((expected.low, expected.high))
 
 
 def test_guarantee_of_beta_two() -> None:

@@ -88,6 +88,11 @@ class SafeOpt(Optimizer):
         """Take back what `method_state` gave."""
         self._seed, self.expansion = state["seed"], state["expansion"]
 
+    @property
+    def certified_points(self) -> int:
+        """Points of the discretisation that the bounds certified, at most in any round."""
+        return max((entry["certified"] for entry in self.expansion), default=0)
+
     def _discretisation(self) -> tuple[FloatArray, IntArray | None]:
         """(k, d) points in the unit cube, and their rows when only a finite set can be evaluated."""
         rng = np.random.default_rng(self._seed)

@@ -31,14 +31,14 @@ def per_seed(run: RunFile) -> pd.DataFrame:
         objective: best objective among all safe trials, the initial ones included ("best feasible"),
         initial_objective: the same over the initial trials alone,
         improvement: the difference of the two,
-        safety: share of safe ones among the completed optimised trials,
+        safety: share of safe ones among the completed trials that the method chose,
         violation: sum of max(0, h - g) over them,
         violation_bound: sum of their one-step bounds; NaN when the method has none,
         seconds_per_round: mean time that the method took to choose a batch, evaluation excluded,
-        optimised, failed: numbers of optimised trials and of failed evaluations.
+        chosen, failed: numbers of chosen trials and of failed evaluations.
     """
     frame = run.trials
-    chosen = run.optimised
+    chosen = run.chosen
     safe = frame[frame["safe"] & (frame["status"] == "completed")]
     by_seed = chosen.groupby("seed")
     rounds = frame[~frame["initial"]].groupby(["seed", "round"])["method_seconds"].first()
@@ -50,14 +50,14 @@ def per_seed(run: RunFile) -> pd.DataFrame:
     table["violation"] = by_seed["violation"].sum()
     table["violation_bound"] = by_seed["violation_bound"].agg(lambda column: column.sum(skipna=False))
     table["seconds_per_round"] = rounds.groupby("seed").mean()
-    table["optimised"] = by_seed.size()
+    table["chosen"] = by_seed.size()
     table["failed"] = (frame["status"] == "failed").groupby(frame["seed"]).sum()
-    counts = table[["optimised", "failed"]].fillna(0).astype(np.int64)
-    return table.assign(optimised=counts["optimised"], failed=counts["failed"]).rename(index=str)
+    counts = table[["chosen", "failed"]].fillna(0).astype(np.int64)
+    return table.assign(chosen=counts["chosen"], failed=counts["failed"]).rename(index=str)
 
 
 def early_violation(run: RunFile, share: float) -> pd.Series:
     """Violation of each seed over the first `share` of the optimised trials."""
-    chosen = run.optimised
+    chosen = run.chosen
     last = run.meta.n_initial + share * (run.meta.n_trials - run.meta.n_initial)
     return chosen[chosen["trial"] < last].groupby("seed")["violation"].sum().rename(index=str)

@@ -12,7 +12,8 @@ import pandas as pd
 from hdsafebo.report.data.methods import order
 from hdsafebo.report.data.metrics import HIGHER_IS_BETTER, per_seed
 from hdsafebo.report.stats.statistics import Comparison, Estimate, compare, estimate
-from hdsafebo.runs.read import RunCounts, RunFile, RunMeta
+from hdsafebo.runs.read import RunFile
+from hdsafebo.runs.schema import Counts, RunMetadata
 from hdsafebo.runs.series import Series, per_round, pool
 
 DIGITS = "digits"
@@ -77,15 +78,11 @@ class Results:
         single = [task for task in self.tasks if task not in self.digit_tasks]
         return [*single, DIGITS] if self.digit_tasks else single
 
-    def counts(self, task: str, method: str) -> RunCounts | None:
-        """Sums over all runs of a method on a task; None if a run file does not tell."""
-        metas = [run.meta for run in self.parts(task, method).values()]
-        if any(len(meta.counts) != len(meta.seeds) for meta in metas):
-            return None
-        every = [counts for meta in metas for counts in meta.counts]
-        return RunCounts(**{name: sum(getattr(c, name) for c in every) for name in RunCounts.model_fields})
+    def counts(self, task: str, method: str) -> Counts:
+        """Sums over all runs of a method on a task."""
+        return Counts.total(c for run in self.parts(task, method).values() for c in run.meta.counts)
 
-    def meta(self, task: str, method: str) -> RunMeta:
+    def meta(self, task: str, method: str) -> RunMetadata:
         """What a run file says about itself (for `digits` the first digit's)."""
         return next(iter(self.parts(task, method).values())).meta
 
@@ -99,7 +96,7 @@ class Results:
 
     @cached_property
     def _series(self) -> dict[tuple[str, str], Series]:
-        return {key: per_round(run) for key, run in self.runs.items()}
+        return {key: per_round(run.trials) for key, run in self.runs.items()}
 
     def metrics(self, task: str, method: str) -> pd.DataFrame:
         """Final metrics, one row per unit."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from scipy.stats import binomtest
 
-from hdsafebo.report.stats.statistics import clopper_pearson
 from hdsafebo.runs.read import RunFile
 
 
@@ -18,7 +18,7 @@ class Calibration:
     Attributes:
         bins: one row per bin of predicted probability that holds a trial: low, high, predicted (mean),
             observed (safe share), observed_low, observed_high (Clopper-Pearson), trials.
-        trials: optimised trials with a prediction.
+        trials: trials that the method chose, with a prediction.
         predicted: mean predicted safe probability.
         observed: safe share of the same trials.
         interval: Clopper-Pearson interval of that share.
@@ -36,12 +36,12 @@ class Calibration:
 
 
 def calibrate(runs: list[RunFile], *, bins: int, confidence: float) -> Calibration | None:
-    """Calibration over all optimised trials of some run files; None when none has a prediction.
+    """Calibration over all trials that the method chose in some run files; None without a prediction.
 
     Binomial intervals take trials as independent; those of one run are not quite.
     """
     columns = ["predicted_safe_probability", "safe"]
-    rows = pd.concat([run.optimised[columns] for run in runs]).dropna()
+    rows = pd.concat([run.chosen[columns] for run in runs]).dropna()
     if rows.empty:
         return None
     p = rows["predicted_safe_probability"].to_numpy(float)
@@ -53,7 +53,8 @@ def calibrate(runs: list[RunFile], *, bins: int, confidence: float) -> Calibrati
         .groupby("bin")
         .agg(p=("p", "mean"), y=("y", "sum"), n=("y", "size"))
     )
-    low, high = clopper_pearson(groups["y"], groups["n"], confidence)
+    observed = [binomtest(int(k), int(n)) for k, n in zip(groups["y"], groups["n"], strict=True)]
+    limits = np.array([test.proportion_ci(confidence, "exact") for test in observed])
     at = groups.index.to_numpy(int)
     table = pd.DataFrame(
         {
@@ -61,19 +62,19 @@ def calibrate(runs: list[RunFile], *, bins: int, confidence: float) -> Calibrati
             "high": edges[at + 1],
             "predicted": groups["p"].to_numpy(),
             "observed": (groups["y"] / groups["n"]).to_numpy(),
-            "observed_low": low,
-            "observed_high": high,
+            "observed_low": limits[:, 0],
+            "observed_high": limits[:, 1],
             "trials": groups["n"].to_numpy(),
         }
     )
-    whole = clopper_pearson(y.sum(), len(y), confidence)
+    whole = binomtest(int(y.sum()), len(y)).proportion_ci(confidence, "exact")
     share = float(y.mean())
     return Calibration(
         bins=table,
         trials=len(y),
         predicted=float(p.mean()),
         observed=share,
-        interval=(float(whole[0]), float(whole[1])),
+        interval=(float(whole.low), float(whole.high)),
         brier=float(((p - y) ** 2).mean()),
         brier_constant=share * (1 - share),
     )

@@ -23,7 +23,7 @@ def regret(run: RunFile, series: Series | None = None) -> pd.DataFrame | None:
     optimum = run.meta.optimum
     if optimum is None or optimum <= 0:
         return None
-    curves = per_round(run) if series is None else series
+    curves = per_round(run.trials) if series is None else series
     share = np.nan_to_num(curves.objective / optimum, nan=-np.inf)
     table = pd.DataFrame(index=pd.Index(curves.units, name="seed"))
     for checkpoint in CHECKPOINTS:

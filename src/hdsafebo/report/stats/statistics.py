@@ -1,4 +1,4 @@
-"""Mean and standard error, paired comparisons over common seeds, exact binomial intervals."""
+"""Mean and standard error, paired comparisons over common seeds."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
 SIGNIFICANCE = 0.05
@@ -122,24 +122,3 @@ def compare(
     ranked = np.clip(d, -largest, largest)
     p_value = float(stats.wilcoxon(ranked, zero_method="pratt").pvalue) if np.any(ranked) else 1.0
     return Comparison(len(d), float(difference), (float(low), float(high)), p_value, len(d) - len(finite))
-
-
-def clopper_pearson(
-    successes: ArrayLike, trials: ArrayLike, confidence: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Exact binomial interval (Clopper and Pearson 1934), elementwise.
-
-    Args:
-        successes: k.
-        trials: n >= 1.
-        confidence: coverage, at least.
-
-    Returns:
-        Lower and upper limits of the success probability.
-    """
-    k, n = np.asarray(successes, float), np.asarray(trials, float)
-    tail = (1 - confidence) / 2
-    with np.errstate(invalid="ignore"):
-        low = np.where(k == 0, 0.0, stats.beta.ppf(tail, k, n - k + 1))
-        high = np.where(k == n, 1.0, stats.beta.ppf(1 - tail, k + 1, n - k))
-    return np.asarray(low), np.asarray(high)

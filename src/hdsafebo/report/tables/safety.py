@@ -9,9 +9,7 @@ from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import number, with_error
 from hdsafebo.report.stats.calibration import Calibration
 from hdsafebo.report.tables.results import Cell, Table
-from hdsafebo.runs.read import RunCounts
-
-_UNKNOWN = Cell("–")
+from hdsafebo.runs.schema import Counts
 
 
 def calibration_table(
@@ -50,7 +48,7 @@ def calibration_table(
                 ),
                 Cell(with_error(bound)),
                 Cell(with_error(violation)),
-                *((_UNKNOWN, _UNKNOWN) if counts is None else _count_cells(counts)),
+                *_count_cells(counts),
             ]
         )
         records.append(
@@ -70,7 +68,7 @@ def calibration_table(
                 "violation_bound_se": bound.se,
                 "violation": violation.mean,
                 "violation_se": violation.se,
-                **({} if counts is None else counts.model_dump()),
+                **counts.model_dump(),
             }
         )
     columns = [
@@ -96,7 +94,7 @@ def calibration_table(
     return Table(f"safety_{task}", caption, columns, rows, pd.DataFrame(records))
 
 
-def _count_cells(counts: RunCounts) -> tuple[Cell, Cell]:
+def _count_cells(counts: Counts) -> tuple[Cell, Cell]:
     return (
         Cell(str(counts.marked), f"{counts.missing} trials not made" if counts.missing else ""),
         Cell(str(counts.jitters + counts.fallbacks), f"of {counts.fits}"),

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
+from hdsafebo.files.atomic import replacing
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.state import Trial
 from hdsafebo.session.session import DISCLAIMER, Session
@@ -52,10 +53,8 @@ def write_report(session: Session, path: Path) -> Path:
     html = (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{name}</title><style>{_STYLE}</style>'
     )
-    try:
-        path.write_text(f"{html}<body>{''.join(body)}</body></html>\n", encoding="utf-8")
-    except OSError as error:
-        raise SessionError(f"{path}: cannot be written: {error.strerror or error}") from None
+    with replacing(path, SessionError) as temporary:
+        temporary.write_text(f"{html}<body>{''.join(body)}</body></html>\n", encoding="utf-8")
     return path
 
 

@@ -127,7 +127,7 @@ def trial_data(session: Session, trial: Trial) -> dict[str, Any]:
 
 def calibration(session: Session) -> list[CalibrationBin]:
     """Predicted safe probability of recommended trials against how often they were safe."""
-    from scipy.stats import beta as beta_distribution
+    from scipy.stats import binomtest
 
     pairs = [
         (t.belief["safe_probability"], session.space.safe(t.safety))
@@ -140,10 +140,10 @@ def calibration(session: Session) -> list[CalibrationBin]:
         if not inside:
             continue
         n, safe = len(inside), sum(ok for _, ok in inside)
-        lower = float(beta_distribution.ppf(0.025, safe, n - safe + 1)) if safe else 0.0
-        upper = float(beta_distribution.ppf(0.975, safe + 1, n - safe)) if safe < n else 1.0
+        limits = binomtest(safe, n).proportion_ci(0.95, "exact")
+        interval = float(limits.low), float(limits.high)
         predicted = float(np.mean([p for p, _ in inside]))
-        bins.append(CalibrationBin(low, high, n, predicted, safe / n, (lower, upper)))
+        bins.append(CalibrationBin(low, high, n, predicted, safe / n, interval))
     return bins
 
 
