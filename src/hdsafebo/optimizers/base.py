@@ -394,7 +394,8 @@ class Optimizer(ABC):
 
     @property
     def certified_points(self) -> int | None:
-        """Points of its own discretisation that the method certified, at most in any round; None if it has none."""
+        """Points of its own discretisation that the method certified, at most in any round; None if it has "
+        "none."""
         return None
 
     @property

@@ -211,7 +211,8 @@ def _as_in_the_paper(problem: SelectiveStimulation, embedding: Embedding, file: 
         latent_bounds=embedding.code_box,
         knowledge=Knowledge(
             latent_space=(
-                f"{embedding.latent_dim} codes of {embedding.name}, the box of the codes that it was trained on"
+                f"{embedding.latent_dim} codes of {embedding.name}, the box of the codes that it was trained "
+                "on"
             ),
             candidate_rows=f"{len(problem.candidates):,} rows, their codes as kernel features",
             safety="g = 1 - the largest activation, as it is",

@@ -48,9 +48,9 @@ COLUMNS = {
 }
 """Columns that every run file has, beside `z`; further safety functions have a float64 column each.
 
-`violation` is of the functions that decide what was safe, in their units; `modelled_violation` of those that a
-model was fitted to, as it was fitted to them, so that `violation_bound` speaks of the same. A trial is `repeated`
-when its point was tried before in the same run.
+`violation` is of the functions that decide what was safe, in their units; `modelled_violation` of those that
+a model was fitted to, as it was fitted to them, so that `violation_bound` speaks of the same. A trial is
+`repeated` when its point was tried before in the same run.
 """
 
 
