@@ -4,7 +4,7 @@ One seed, the same initial policies for all methods that can start from given on
 process of its own with one thread; times are CPU seconds, those of the physics apart. The times of a round
 belong to the last rounds, so to nearly all trials.
 
-    python benchmarks/hand_original.py --methods hdsafebo_original hdsafebo_local_original
+    python benchmarks/hand_original.py --methods hdsafebo hdsafebo_local
     python benchmarks/hand_original.py --write
 """
 
@@ -38,11 +38,9 @@ from hdsafebo.trials import Trials  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "reports" / "reference" / "benchmarks" / "hand_original.json"
-DISTINCT = list({(m.module, m.kind): f"{name}_original" for name, m in reversed(METHODS.items())}.values())[
-    ::-1
-]
+DISTINCT = list({(m.module, m.kind): name for name, m in reversed(METHODS.items())}.values())[::-1]
 """One name for each class; `random_lowest` needs a candidate set."""
-DISTINCT.remove("random_lowest_original")
+DISTINCT.remove("random_lowest")
 INITIAL = 200
 BATCH = 10
 SEED = 1000
@@ -64,11 +62,16 @@ class Clock:
         return told
 
 
+def settings_of(method: str) -> dict[str, Any]:
+    """Settings that the parameters give the method where it searches the original space."""
+    blocks = load_params(ROOT / "params.yaml").methods.values()
+    return next((b.settings for b in blocks if (b.algorithm, b.space) == (method, "original")), {})
+
+
 def play(method: str, problem: Problem, initial: Trials, trials: int) -> dict[str, Any]:
     """Results, times and peak memory of one run."""
     warnings.simplefilter("ignore")
-    settings = load_params(ROOT / "params.yaml").methods.get(method, {})
-    optimizer: Optimizer = make_optimizer(method, problem, seed=SEED, **settings)
+    optimizer: Optimizer = make_optimizer(method, problem, seed=SEED, **settings_of(method))
     clock, seconds, stopped = Clock(problem), [], ""
     if optimizer.uses_initial_data:
         optimizer.observe(initial.x, initial.objective, initial.safety, status=initial.status, initial=True)
@@ -145,7 +148,7 @@ def main() -> None:
     )
     parser.add_argument("--write", action="store_true", help=f"keep the numbers in {OUT.relative_to(ROOT)}")
     arguments = parser.parse_args()
-    met = {local: initial_policies(f"hdsafebo{local}_original") for local in ("", "_local")}
+    met = {local: initial_policies(f"hdsafebo{local}") for local in ("", "_local")}
     columns = ("round_s", "round_worst_s", "peak_mb", "safety", "best_initial", "best")
     print(f"{'method':26s}" + "".join(f"{c:>14s}" for c in columns), flush=True)
     rows = {}

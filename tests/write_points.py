@@ -147,9 +147,9 @@ def _metadata() -> Any:
     from hdsafebo.runs.schema import RunMetadata
 
     return RunMetadata(
-        task="synthetic", method="toy", profile="test", settings={}, safety_names=[], thresholds=[],
-        beta=None, guaranteed_alpha=None, optimum=None, n_initial=10, batch=3, n_trials=130, seeds=[7],
-        space="latent", dimension=3, counts=[],
+        task="synthetic", method="toy", algorithm="toy", profile="test", settings={}, safety_names=[],
+        thresholds=[], beta=None, guaranteed_alpha=None, optimum=None, n_initial=10, batch=3, n_trials=130,
+        seeds=[7], space="latent", dimension=3, counts=[],
     )  # fmt: skip
 
 

@@ -26,6 +26,9 @@ class Safety:
         reported: it decides the `safe` column of results and the metrics Safety and Violation.
         transform: increasing function applied to values and threshold before modelling, so that a
             Gaussian process suits the values better; None models the values as they are.
+
+    Raises:
+        ProblemError: the threshold is no finite number, or the transform does not increase there.
     """
 
     name: str
@@ -35,9 +38,37 @@ class Safety:
     transform: Callable[[FloatArray], FloatArray] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.threshold):
+        try:
+            threshold = float(self.threshold)  # NumPy's own numbers have no place in a saved state
+        except (TypeError, ValueError, OverflowError):
+            threshold = np.nan
+        if not np.isfinite(threshold):
             raise ProblemError(
                 f"threshold of safety function {self.name!r} is {self.threshold}; expected a finite number"
+            )
+        for name, value in (
+            ("threshold", threshold),
+            ("modelled", bool(self.modelled)),
+            ("reported", bool(self.reported)),
+        ):
+            object.__setattr__(self, name, value)
+        if self.transform is not None:
+            self._check_increasing(self.transform)
+
+    def _check_increasing(self, transform: Callable[[FloatArray], FloatArray]) -> None:
+        """A decreasing transform would model the unsafe side as the safe one."""
+        step = 1e-3 * max(abs(self.threshold), 1e-3)
+        with np.errstate(all="ignore"):
+            low, middle, high = (
+                float(np.asarray(transform(np.array([self.threshold + shift])), float).item())
+                for shift in (-step, 0.0, step)
+            )
+        around = [v for v in (low, middle, high) if not np.isnan(v)]  # one side may be no valid value
+        if not np.isfinite(middle) or around != sorted(around) or around[0] == around[-1]:
+            raise ProblemError(
+                f"transform of safety function {self.name!r} makes {low}, {middle}, {high} of "
+                f"{self.threshold - step:g}, the threshold {self.threshold:g} and {self.threshold + step:g}; "
+                "expected an increasing function that is finite at the threshold"
             )
 
 

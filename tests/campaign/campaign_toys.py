@@ -71,15 +71,15 @@ class Toy(Optimizer):
     name = "toy"
     Settings = ToySettings
     settings: ToySettings
-    consults_model = False
     step = 1.0
 
     def propose(self, n: int) -> Proposal:
         if len(self.trials) >= self.settings.abstain_after:
             raise NoSafePointError("the toy has seen enough")
         best = self.best()
-        centre = np.full(3, 0.5) if best is None else self.space.to_unit(best.z)[0]
-        points = np.clip(centre + self.step * self.rng.normal(size=(n, 3)), 0, 1)
+        d = self.space.bounds.shape[1]
+        centre = np.full(d, 0.5) if best is None else self.space.to_unit(best.z)[0]
+        points = np.clip(centre + self.step * self.rng.normal(size=(n, d)), 0, 1)
         return Proposal(points, trust_region_length=self.step)
 
     def finish_round(self, trials: Trials) -> None:
@@ -143,7 +143,11 @@ def toy_params(
             "scs": nothing | {"tasks": []},
             "digits": nothing | {"tasks": []},
         },
-        "methods": {"toy": settings, "lonely": settings},
+        "methods": {
+            "toy": settings,
+            "lonely": settings,
+            "toy_inputs": {"algorithm": "toy", "space": "original"} | settings,
+        },
         "tracking": {"enabled": False},
     }
 

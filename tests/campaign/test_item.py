@@ -104,6 +104,18 @@ def test_the_file_is_what_the_report_reads(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("_here")
+def test_one_algorithm_searches_either_space_under_two_names(tmp_path: Path) -> None:
+    compute(tmp_path, seeds=1)
+    compute(tmp_path, seeds=1, method="toy_inputs")
+    latent, original = (read_run(run_path("synthetic", name, tmp_path)) for name in ("toy", "toy_inputs"))
+    assert (latent.meta.algorithm, latent.meta.space, latent.meta.dimension) == ("toy", "latent", 3)
+    assert (original.meta.algorithm, original.meta.space, original.meta.dimension) == ("toy", "original", 6)
+    assert (latent.meta.method, original.meta.method) == ("toy", "toy_inputs")
+    first = [run.trials[run.trials["initial"]]["objective"].to_numpy() for run in (latent, original)]
+    np.testing.assert_array_equal(*first, err_msg="the initial trials are those of the task")
+
+
+@pytest.mark.usefixtures("_here")
 def test_equal_runs_are_equal_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def write_without_times(path: Path, runs: list[Rows], metadata: RunMetadata) -> None:
         zero = {name: np.zeros(len(runs[0]["trial"])) for name in TIMES}

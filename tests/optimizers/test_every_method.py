@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hdsafebo.errors import NoSafePointError, ParamsError, ProblemError, TrialError
 from hdsafebo.optimizers.base import Optimizer
-from hdsafebo.optimizers.registry import METHODS, load_optimizer, make_optimizer
+from hdsafebo.optimizers.registry import METHODS, load_optimizer, make_optimizer, method_class
+from hdsafebo.optimizers.settings import CentreSettings, ModelSettings, SafeSetSettings
 from hdsafebo.problem import FunctionProblem, Safety
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray
@@ -24,10 +30,12 @@ NAMES = [
     if name not in ("random_lowest", "thompson_rows")  # of finite sets, see controls
 ]
 OWN_START = {"sobol", "turbo", "hesbo", "baxus", "cmaes", "cmaes_centre", "random_lowest"}
-SAFE_SET = {"hdsafebo", "hdsafebo_local", "linebo", "config", "safeopt"}
-"""The methods that filter by a safe set."""
-ABSTAIN = SAFE_SET | {"cei_prob", "cei", "cmaes", "local_random"}
+ABSTAIN = {name for name in METHODS if issubclass(method_class(name)[0].Settings, CentreSettings)} - {
+    "cmaes_centre"
+}
 """The methods that refuse, if told so, to go on without a safe point."""
+SAFE_SET = {name for name in METHODS if issubclass(method_class(name)[0].Settings, SafeSetSettings)}
+"""The methods whose trials are believed safe, or marked."""
 SMALL = {
     "hdsafebo": {"candidates": 200},
     "linebo": {"candidates": 50},
@@ -164,20 +172,41 @@ def test_failed_pending_and_partly_told_trials(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("kind", ["constant", "equal points", "outlier", "flat dimension", "all unsafe"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "constant",
+        "constant constraint",
+        "equal points",
+        "duplicated trials",
+        "outlier",
+        "safety outlier",
+        "flat dimension",
+        "one dimension",
+        "all unsafe",
+    ],
+)
 def test_hostile_data(name: str, kind: str) -> None:
-    problem = bowl_problem(threshold=10.0 if kind == "all unsafe" else 0.0)
+    problem = bowl_problem(
+        threshold=10.0 if kind == "all unsafe" else 0.0, dimension=1 if kind == "one dimension" else 4
+    )
     if kind == "flat dimension":
         problem.bounds[:, 1] = 0.4
     optimizer = make(name, problem, initial=2)
-    x = np.random.default_rng(5).uniform(problem.bounds[0], problem.bounds[1], (30, 4))
+    x = np.random.default_rng(5).uniform(problem.bounds[0], problem.bounds[1], (30, problem.bounds.shape[1]))
     if kind == "equal points":
         x[:] = x[0]
+    if kind == "duplicated trials":
+        x[15:] = x[:15]
     objective, safety = problem.function(x)
     if kind == "constant":
-        objective, safety = np.full(30, 2.0), np.full((30, 1), 1.0)
+        objective = np.full(30, 2.0)
+    if kind in ("constant", "constant constraint"):
+        safety = np.full((30, 1), 1.0)
     if kind == "outlier":
         objective[3] = 1e12
+    if kind == "safety outlier":
+        safety[3] = -1e12
     optimizer.observe(x, objective, safety)
     trials = advance(optimizer, 6, rounds=2)
     assert len(trials) == 6
@@ -234,7 +263,8 @@ def test_box_without_width(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_no_initial_point_meets_the_threshold(name: str) -> None:
     """The methods that start from a safe point abstain if told so, and lose nothing."""
-    optimizer = make(name, bowl_problem(threshold=10.0), empty_safe_set="abstain")
+    abstain = {"empty_safe_set": "abstain"} if name in ABSTAIN else {}
+    optimizer = make(name, bowl_problem(threshold=10.0), **abstain)
     known, state = len(optimizer.trials), optimizer.rng.bit_generator.state
     if name in ABSTAIN:
         with pytest.raises(NoSafePointError, match="none of"):
@@ -310,3 +340,148 @@ def test_random_lowest_draws_the_weakest_rows_only(tmp_path: Path) -> None:
 def test_random_lowest_needs_levels() -> None:
     with pytest.raises(ProblemError, match="weakest"):
         make_optimizer("random_lowest", bowl_problem())
+
+
+# --- settings
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_setting_that_would_change_nothing_is_unknown(name: str) -> None:
+    problem = rows_problem() if name == "random_lowest" else bowl_problem()
+    for setting, value, known in (
+        ("empty_safe_set", "abstain", name in ABSTAIN),
+        ("beta", -1.0, issubclass(method_class(name)[0].Settings, ModelSettings)),
+    ):
+        if known:
+            assert getattr(make_optimizer(name, problem, **{setting: value}).settings, setting) == value
+        else:
+            with pytest.raises(ParamsError, match=setting):
+                make_optimizer(name, problem, **{setting: value})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_setting_is_read(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that nobody reads in three rounds, the second of them of a single trial, is ignored."""
+    kind, _ = method_class(name)
+    read: set[str] = set()
+
+    class Watched(kind.Settings):
+        def __getattribute__(self, key: str) -> Any:
+            read.add(key)
+            return super().__getattribute__(key)
+
+    monkeypatch.setattr(kind, "Settings", Watched)
+    optimizer = make(name, bowl_problem())
+    for n in (5, 1, 5):
+        advance(optimizer, n)
+    assert set(Watched.model_fields) <= read
+
+
+# --- what is believed of a trial is what will be evaluated
+
+
+class Inexact(Halving):
+    """Its encoder misses a code by some millionths, as those of single precision do."""
+
+    def encode(self, x: FloatArray) -> FloatArray:
+        return x / 2 * (1 + 3e-6)
+
+
+PLACES: dict[str, tuple[Callable[[], FunctionProblem], Halving | None]] = {
+    "box": (bowl_problem, None),
+    "three": (three_functions, None),
+    "rows": (rows_problem, None),
+    "embedded": (bowl_problem, Halving()),
+    "embedded rows": (rows_problem, Halving()),
+    "inexact": (bowl_problem, Inexact()),
+}
+
+
+@pytest.mark.parametrize("name", sorted(SAFE_SET.intersection(FIRST_OF_KIND.values()) - {"cei"}))
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("policy", ["mark", "abstain"])
+def test_unmarked_trials_are_believed_safe_where_they_will_be_evaluated(
+    name: str, place: str, policy: str
+) -> None:
+    make_problem, embedding = PLACES[place]
+    optimizer = make(name, make_problem(), embedding=embedding, beta=-1.5, empty_safe_set=policy, initial=25)
+    asked = 0
+    for n in (6, 1, 6):
+        try:
+            trials = optimizer.ask(n)
+        except NoSafePointError:
+            assert policy == "abstain"
+            continue
+        asked += len(trials)
+        believed = optimizer.surrogate.believed_safe(optimizer.kernel_inputs(trials), optimizer.confidence)
+        if name == "safeopt":  # evaluates points again that were safe
+            believed |= (
+                (np.abs(trials.x[:, None] - optimizer.trials.x[optimizer.feasible]) < 1e-8)
+                .all(axis=2)
+                .any(axis=1)
+            )
+        assert (believed | trials.marked_unsafe).all()
+        if policy == "abstain":
+            assert believed.all()
+        np.testing.assert_array_equal(trials.id, optimizer.trials.id[-len(trials) :])
+        optimizer.tell(trials, *optimizer.problem.function(trials.x))
+    assert asked > 0 or policy == "abstain"
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("problem", ["box", "rows"])
+def test_a_pending_trial_is_not_proposed_again(name: str, problem: str) -> None:
+    optimizer = make(name, PROBLEMS[problem]())
+    x = np.vstack([optimizer.ask(1).x for _ in range(5)])
+    apart = np.linalg.norm(x[:, None] - x, axis=2) + 10.0 * np.eye(5)
+    assert apart.min() > 1e-6
+
+
+# --- interrupts
+
+
+@contextmanager
+def interrupted(after: float) -> Iterator[list[int]]:
+    """Ctrl-C at line number `after` of this package's that is run; yields the number of lines so far."""
+    lines = [0]
+
+    def watch(frame: FrameType, event: str, argument: Any) -> Any:
+        if "hdsafebo" not in frame.f_code.co_filename:
+            return None
+        if event == "line":
+            lines[0] += 1
+            if lines[0] == after:
+                raise KeyboardInterrupt
+        return watch
+
+    before = sys.gettrace()
+    sys.settrace(watch)
+    try:
+        yield lines
+    finally:
+        sys.settrace(before)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_tell_interrupted_at_twenty_points_and_repeated_is_undisturbed(name: str) -> None:
+    undisturbed, disturbed = (make(name, three_functions(), seed=4) for _ in range(2))
+    for optimizer in (undisturbed, disturbed):
+        advance(optimizer, 5)
+    trials, same = undisturbed.ask(5), disturbed.ask(5)
+    results = undisturbed.problem.function(trials.x)
+    with interrupted(np.inf) as lines:
+        undisturbed.tell(trials, *results)
+    for after in np.linspace(1, lines[0], 20).astype(int):
+        with pytest.raises(KeyboardInterrupt), interrupted(after):
+            disturbed.tell(same, *results)
+        told = disturbed.trials.completed[same.id]
+        assert told.all() or not told.any()
+        if told.all():  # interrupted after it was all done
+            break
+    disturbed.tell(same, *results)
+    for optimizer in (undisturbed, disturbed):
+        advance(optimizer, 4, rounds=2)
+    for column in ("x", "z", "objective", "predicted_safe_probability", "trust_region_length"):
+        ours, theirs = (getattr(optimizer.trials, column) for optimizer in (undisturbed, disturbed))
+        np.testing.assert_array_equal(ours, theirs, err_msg=column)
+    assert undisturbed.rng.bit_generator.state == disturbed.rng.bit_generator.state

@@ -8,7 +8,7 @@ from hdsafebo.errors import ParamsError, UnknownNameError
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
 from hdsafebo.optimizers.registry import METHODS, make_optimizer, method_class, method_names
 from hdsafebo.problems.knowledge import Knowledge
-from optimizers.toy import Halving, bowl_problem, observe_initial, rows_problem
+from optimizers.toy import bowl_problem, observe_initial, rows_problem
 
 METHODS_WITH_VARIANTS = ("linebo", "linebo_lower", "cei", "cei_botorch", "cei_prob", "cei_prob_botorch")
 
@@ -65,14 +65,6 @@ def test_given_settings_win_over_those_of_the_name() -> None:
         make_optimizer("hdsafebo", bowl_problem(), rounds=3)
 
 
-def test_original_searches_the_inputs() -> None:
-    optimizer = make_optimizer(
-        "hdsafebo_original", bowl_problem(), embedding=Halving(), bounds=[[0] * 4, [0.1] * 4]
-    )
-    assert optimizer.embedding is None
-    assert optimizer.space.bounds[1].tolist() == [1.0] * 4
-
-
 def test_names() -> None:
-    assert {"hdsafebo", "hdsafebo_original", "hdsafebo_local"} <= set(method_names())
+    assert {"hdsafebo", "hdsafebo_local"} <= set(method_names())
     assert method_class("hdsafebo")[0].name == "hdsafebo"

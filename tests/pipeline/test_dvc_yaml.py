@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from hdsafebo.optimizers.registry import method_names
 from hdsafebo.pipeline.checked_params import load_checked_params
 from hdsafebo.pipeline.code import CODE, code_files
 
@@ -41,12 +42,14 @@ def test_every_stage_depends_on_its_code(stages: dict[str, dict]) -> None:
 
 
 def test_every_code_file_is_written(project_root: Path, stages: dict[str, dict]) -> None:
-    written = code_files(project_root)
+    params = load_checked_params(project_root / "params.yaml")
+    written = code_files(project_root, {name: method.algorithm for name, method in params.methods.items()})
     used = {dep for stage in stages.values() for dep in stage["deps"] if dep.startswith(CODE)}
     used = {dep.removeprefix(f"{CODE}/").removesuffix(".txt") for dep in used if "${" not in dep}
     assert used <= written.keys()
-    params = load_checked_params(project_root / "params.yaml")
     assert {f"methods/{name}" for name in params.methods} <= written.keys()
+    assert written["methods/scbo_original"] == written["methods/scbo"], "one algorithm, two spaces"
+    assert stages["code"]["params"] == ["methods"]
 
 
 def loaded_modules(statement: str) -> set[str]:
@@ -73,7 +76,7 @@ def test_what_python_loads_is_listed(
     monkeypatch.chdir(project_root)
     source = project_root / "src"
     listed = set()
-    for path in code_files(project_root)[name]:
+    for path in code_files(project_root, {name: name for name in method_names()})[name]:
         if path.is_relative_to(source):
             parts = path.relative_to(source).with_suffix("").parts
             listed.add(".".join(parts[:-1] if parts[-1] == "__init__" else parts))

@@ -86,7 +86,7 @@ def write_run(
     n_trials = int(frame["trial"].max()) + 1
     sizes = {"seeds": seeds, "n_initial": n_initial, "batch": batch, "n_trials": n_trials}
     sizes["counts"] = [NO_FAULTS] * len(seeds)
-    content = METADATA | {"task": task, "method": method} | sizes | metadata
+    content = METADATA | {"task": task, "method": method, "algorithm": method} | sizes | metadata
     table = pa.Table.from_pandas(frame, preserve_index=False)
     searched = [[0.0, 1.0]] * len(frame) if z is None else z
     table = table.append_column("z", pa.array(searched, pa.list_(pa.float32())))

@@ -315,7 +315,8 @@ def test_a_session_that_could_not_work_is_not_made(tmp_path: Path) -> None:
     definition, initial = write_box_files(tmp_path)
     for method, message in (
         ({"name": "magic"}, "magic"),
-        ({"name": "sobol"}, "no model of safety"),
+        ({"name": "sobol"}, "no safe set"),
+        ({"name": "scbo"}, "no safe set"),
         ({"name": "hdsafebo_local", "settings": {"alfa": 0.9}}, "alfa"),
         ({"name": "hdsafebo_local", "settings": {"alpha": 1.5}}, "alpha"),
     ):

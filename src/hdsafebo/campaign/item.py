@@ -33,7 +33,7 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
 
     Args:
         task: name of the task.
-        method: name of the method.
+        method: name of the method's block in the parameters.
         params: the checked parameters.
         root: the project's directory.
         tracker: mirrors the runs as they finish.
@@ -61,6 +61,8 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         params={
             "problem": block["problem"],
             "budget": block["budget"],
+            "algorithm": params.methods[method].algorithm,
+            "space": params.methods[method].space,
             "settings": settings,
             "profile": params.profile,
         },
@@ -91,6 +93,7 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
     metadata = RunMetadata(
         task=task,
         method=method,
+        algorithm=params.methods[method].algorithm,
         profile=params.profile,
         settings=settings,
         n_initial=budget.initial,

@@ -39,7 +39,7 @@ class RunSpec:
 
     Attributes:
         task: name of the task.
-        method: name of the method.
+        method: name of the method's block in the parameters.
         seed: of the problem, the initial trials and the method.
         params: the whole of `params.yaml` as plain data.
         root: directory below which files of the task and the journal lie.
@@ -93,7 +93,7 @@ def budget_of(params: Params, task: str) -> Budget:
 def settings_of(params: Params, task: str, method: str) -> MethodSettings:
     """Settings of a method on a task: those on all tasks, and those of the task's family."""
     family = getattr(params.tasks, family_of(task))
-    return params.methods[method] | family.settings.get(method, {})
+    return params.methods[method].settings | family.settings.get(method, {})
 
 
 def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
         ParamsError: a file is missing.
     """
     plain = params.model_dump(mode="json")
-    budget = budget_of(params, spec.task)
+    budget, method = budget_of(params, spec.task), params.methods[spec.method]
     block = plain["tasks"][family_of(spec.task)]
     problem = block["problem"]
     if is_informed(spec.task):
@@ -129,23 +129,25 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
         "trials": budget.trials,
         "batch": budget.batch,
         "problem": problem,
+        "algorithm": method.algorithm,
+        "space": method.space,
         "settings": settings_of(params, spec.task, spec.method),
         "blocks": {name: plain[name] for name in _BLOCKS[family_of(spec.task)]},
         "inputs": files,
-        "code": _code_digest(family_of(spec.task), spec.method),
+        "code": _code_digest(family_of(spec.task), method.algorithm),
         "libraries": {name: _version(name) for name in _LIBRARIES},
     }
 
 
 @lru_cache
-def _code_digest(family: str, method: str) -> str:
-    """Digest of the modules that compute a run: what the runner, the task and the method import."""
+def _code_digest(family: str, algorithm: str) -> str:
+    """Digest of the modules that compute a run: what the runner, the task and the algorithm import."""
     package = Path(hdsafebo.__file__).parent
     graph = ImportGraph(package.parent)
     roots = [
         package / "campaign" / "runner.py",
         graph.file_of(task_module(family)),
-        graph.file_of(method_module(method)),
+        graph.file_of(method_module(algorithm)),
     ]
     modules = modules_behind(roots, graph)
     return digest_paths([path for path in modules if _counts(path.relative_to(package))], package)

@@ -22,8 +22,8 @@ from hdsafebo.campaign.run_spec import RunSpec, budget_of, identity_of, settings
 from hdsafebo.errors import JournalError, NoSafePointError, SurrogateError
 from hdsafebo.gp.safe_set import alpha_of
 from hdsafebo.optimizers.base import Optimizer
-from hdsafebo.optimizers.registry import ORIGINAL_SUFFIX, load_optimizer, make_optimizer
-from hdsafebo.params import Budget
+from hdsafebo.optimizers.registry import load_optimizer, make_optimizer
+from hdsafebo.params import Params, Space
 from hdsafebo.problem import Problem
 from hdsafebo.problems.registry import Task, make_task
 from hdsafebo.runs.schema import Rows, RunCounts, safety_columns
@@ -68,8 +68,7 @@ def run(spec: RunSpec) -> RunResult:
     identity = identity_of(spec, params, task.inputs)
     with RunJournal(spec.journal, spec.name, identity) as journal:
         if journal.outcome is None:
-            settings = settings_of(params, spec.task, spec.method)
-            _Run(spec, task, settings, budget_of(params, spec.task), journal).finish()
+            _Run(spec, params, task, journal).finish()
         assert journal.outcome is not None
         rows = join_rows([entry.rows for entry in journal.rounds])
         return RunResult(spec.seed, rows, journal.outcome["facts"], RunCounts(**journal.outcome["counts"]))
@@ -78,32 +77,31 @@ def run(spec: RunSpec) -> RunResult:
 class _Run:
     """A run in progress."""
 
-    def __init__(
-        self, spec: RunSpec, task: Task, settings: dict[str, Any], budget: Budget, journal: RunJournal
-    ) -> None:
+    def __init__(self, spec: RunSpec, params: Params, task: Task, journal: RunJournal) -> None:
+        method = params.methods[spec.method]
         self.problem: Problem = task.problem
         self.knowledge = task.knowledge
-        self.budget = budget
+        self.budget = budget_of(params, spec.task)
         self.journal = journal
         self.beacon = Beacon(spec)
-        self.initial, self.candidate = self.problem.initial(budget.initial, spec.initial_rng())
-        original = task.embedding is None or spec.method.endswith(ORIGINAL_SUFFIX)
-        embedding = None if original or task.embedding is None else task.embedding(self.initial)
-        self.space = "original" if original else "latent"
+        self.initial, self.candidate = self.problem.initial(self.budget.initial, spec.initial_rng())
+        latent = method.space == "latent" and task.embedding is not None
+        embedding = task.embedding(self.initial) if latent and task.embedding is not None else None
+        self.space: Space = "latent" if latent else "original"
         state = journal.state
         self.saved_rounds = 0 if state is None else state[0] + 1
         self.optimizer: Optimizer
         if state is None:
             self.optimizer = make_optimizer(
-                spec.method,
+                method.algorithm,
                 self.problem,
                 embedding=embedding,
                 seed=spec.method_seed(),
-                bounds=None if original else task.latent_bounds,
-                **settings,
+                bounds=task.latent_bounds if latent else None,
+                **settings_of(params, spec.task, spec.method),
             )
         else:
-            self.optimizer = load_optimizer(spec.method, state[1], self.problem, embedding)
+            self.optimizer = load_optimizer(method.algorithm, state[1], self.problem, embedding)
         self.own_design = not self.optimizer.uses_initial_data
         self._state_seconds = 0.0
         self._state_time = time.monotonic()
@@ -246,7 +244,7 @@ class _Run:
 
     def _facts(self) -> dict[str, Any]:
         kind = type(self.optimizer)
-        beta = self.optimizer.settings.confidence if kind.consults_model else None
+        beta = self.optimizer.model_settings.confidence if kind.consults_model else None
         return {
             "safety_names": [s.name for s in self.problem.safety],
             "thresholds": [s.threshold for s in self.problem.safety],

@@ -1,1 +1,1 @@
-"""Files of any kind: parquet and YAML handed in by somebody, read safely; one writer that replaces a file."""
+"""Files of any kind: parquet and YAML that somebody hands in, read safely; one writer for whole files."""

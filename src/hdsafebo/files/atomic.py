@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import secrets
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -44,8 +43,8 @@ def replacing(path: Path, error: type[HdSafeBOError] = WriteError, *, advice: st
         # Processes and threads may write the same file at once: the last complete one stays.
         temporary = target.with_name(f".{target.stem}.{os.getpid()}-{secrets.token_hex(4)}{target.suffix}")
         yield temporary
-        if target.exists():
-            shutil.copymode(target, temporary)
+        with suppress(FileNotFoundError):  # a circle of links is refused here
+            temporary.chmod(target.stat().st_mode)
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
         temporary.replace(target)

@@ -26,21 +26,22 @@ class DistanceCache:
     """Distances between the rows of a table that mostly grows at its end, as if computed anew, to the bit."""
 
     def __init__(self) -> None:
-        self._inputs = np.empty((0, 0))
-        self._distances = np.empty((0, 0))
+        # One attribute, so that no interrupt finds the inputs of one table beside the distances of another.
+        self._known = np.empty((0, 0)), np.empty((0, 0))
 
     def of(self, inputs: FloatArray) -> FloatArray:
         """(n, n) distances between the rows of (n, p) kernel inputs; not to be written to."""
-        known = len(self._inputs)
-        if not (known and known <= len(inputs) and np.array_equal(self._inputs, inputs[:known])):
+        earlier, distances = self._known
+        known = len(earlier)
+        if not (known and known <= len(inputs) and np.array_equal(earlier, inputs[:known])):
             known = 0
         if known < len(inputs):
             grown = np.empty((len(inputs), len(inputs)))
-            grown[:known, :known] = self._distances[:known, :known]
+            grown[:known, :known] = distances[:known, :known]
             grown[known:] = exact_distances(inputs[known:], inputs)
             grown[:known, known:] = grown[known:, :known].T
-            self._inputs, self._distances = inputs.copy(), grown
-        return self._distances
+            self._known, distances = (inputs.copy(), grown), grown
+        return distances
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,19 @@ class SurrogateState:
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> SurrogateState:
-        """The state that `to_json` wrote."""
+        """The state that `to_json` wrote.
+
+        Raises:
+            ValueError, TypeError, KeyError: it is none.
+        """
 
         def read(entry: dict[str, Any]) -> Hyperparameters:
-            return Hyperparameters(**(entry | {"steps": tuple(entry["steps"])}))
+            hyper = Hyperparameters(**(entry | {"steps": tuple(entry["steps"])}))
+            positive = (hyper.length_scale, hyper.noise_ratio, hyper.reference, *hyper.steps)
+            counts = (hyper.fits, hyper.jitters, hyper.fallbacks)
+            if not (np.isfinite(positive).all() and min(positive) > 0 and min(counts) >= 0):
+                raise ValueError(f"hyper-parameters {hyper} hold a number out of its range")
+            return hyper
 
         return cls(read(data["objective"]), tuple(read(entry) for entry in data["safety"]))
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from copy import deepcopy
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
+from threading import RLock
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -33,16 +34,23 @@ from hdsafebo.optimizers.core.nearest_trials import rows_near_best
 from hdsafebo.optimizers.core.persistence import load_optimizer, save_optimizer
 from hdsafebo.optimizers.core.proposal import Proposal, candidates_left, encode, realise
 from hdsafebo.optimizers.core.results import check_points, check_results, check_rows
-from hdsafebo.optimizers.settings import OptimizerSettings, check_settings
+from hdsafebo.optimizers.core.transaction import all_or_nothing, one_at_a_time
+from hdsafebo.optimizers.settings import CentreSettings, ModelSettings, OptimizerSettings, check_settings
 from hdsafebo.problem import Codec, Problem, check_problem
 from hdsafebo.search.metric import Metric, kernel_metric
 from hdsafebo.search.space import SearchSpace
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray, IntArray
 
+_ATTEMPTS = 20
+"""Proposals after which a method abstains when none of them is believed safe where it would be evaluated."""
+
 
 class Optimizer(ABC):
     """Proposes trials (`ask`) and learns from their results (`tell`).
+
+    Several threads may use one optimiser: calls that change it wait for each other. A call that fails or is
+    interrupted leaves it as it was.
 
     Args:
         problem: what is optimised; it is never evaluated from here.
@@ -55,7 +63,8 @@ class Optimizer(ABC):
     Attributes:
         name: name of the method.
         Settings: its settings.
-        consults_model: False for methods that never fit a Gaussian process.
+        consults_model: the method has the settings of the Gaussian processes (`ModelSettings`), and says of
+            each trial what they believe.
         uses_initial_data: False for methods that ask for initial trials of their own.
         uses: what a task gives and the method can use, as `problems.knowledge.Knowledge` names it.
         settings: the checked settings.
@@ -70,9 +79,12 @@ class Optimizer(ABC):
 
     name: ClassVar[str]
     Settings: ClassVar[type[OptimizerSettings]] = OptimizerSettings
-    consults_model: ClassVar[bool] = True
+    consults_model: ClassVar[bool] = False
     uses_initial_data: ClassVar[bool] = True
     uses: ClassVar[frozenset[str]] = frozenset({"latent_space", "kernel_features", "safety", "extra_trials"})
+
+    def __init_subclass__(cls) -> None:
+        cls.consults_model = issubclass(cls.Settings, ModelSettings)
 
     def __init__(
         self,
@@ -98,6 +110,14 @@ class Optimizer(ABC):
         )
         self.elsewhere: IntArray = np.empty(0, np.int64)
         self._fits = Fits()
+        self._lock: AbstractContextManager[bool] = RLock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_lock"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._lock = RLock()  # a copy is used on its own
 
     # --- what a method provides
 
@@ -168,11 +188,27 @@ class Optimizer(ABC):
             return unknown, unknown
         inputs = self.kernel_inputs(trials)
         transformed = any(s.modelled and s.transform is not None for s in self.problem.safety)
-        bound = unknown if transformed else self.surrogate.violation_bound(inputs, self.settings.confidence)
+        beta = self.model_settings.confidence
+        bound = unknown if transformed else self.surrogate.violation_bound(inputs, beta)
         return self.surrogate.safe_probability(inputs), bound
+
+    @property
+    def confidence(self) -> float:
+        """The beta of the safe set."""
+        return self.model_settings.confidence
+
+    def keeps_promise(self, trials: Trials) -> NDArray[np.bool_]:
+        """(n,) True for trials that are in the method's safe set where they will be evaluated.
+
+        Methods without a safe set promise nothing.
+        """
+        if not (self.consults_model and isinstance(self.settings, CentreSettings)):
+            return np.ones(len(trials), bool)
+        return self.surrogate.believed_safe(self.kernel_inputs(trials), self.confidence)
 
     # --- ask, tell, observe
 
+    @all_or_nothing
     def ask(self, n: int = 1, *, pending: Trials | None = None) -> Trials:
         """Propose trials.
 
@@ -193,18 +229,16 @@ class Optimizer(ABC):
         if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
             raise TrialError(f"n is {n!r}; expected a whole number of trials, at least 1")
         self.elsewhere = np.empty(0, np.int64) if pending is None else pending.candidate
-        generator, remembered = self.rng.bit_generator.state, deepcopy(self.method_state())
-        try:
-            trials = self._pending(self.propose(min(int(n), candidates_left(self.problem, self.taken))))
-        except BaseException:
-            self.rng.bit_generator.state = generator
-            self.restore_method_state(*remembered)
-            raise
+        if candidates_left(self.problem, self.taken) == 0:
+            total = len(self.taken)
+            raise TrialError(f"all {total} candidates of {self.problem.name!r} have been proposed or tried")
+        trials = self._next_trials(int(n))
         self._ledger.append(trials)
         self.round += 1
         self._fits.use()
         return trials
 
+    @all_or_nothing
     def tell(
         self,
         trials: Trials | Sequence[int] | IntArray,
@@ -220,7 +254,8 @@ class Optimizer(ABC):
         Args:
             trials: trials from `ask`, or their ids.
             objective: (n,) values.
-            safety: (n, m) values, or (n,) when there is one safety function.
+            safety: (n, m) values, or (n,) when there is one safety function; or a table (DataFrame, mapping)
+                with a column for each, which its name finds.
             status: (n,) `Status.COMPLETED` or `Status.FAILED`; values of failed trials are ignored. None
                 means that all are completed.
 
@@ -237,6 +272,7 @@ class Optimizer(ABC):
         for number in finished:
             self.finish_round(self._ledger.round(int(number)))
 
+    @all_or_nothing
     def observe(
         self,
         x: ArrayLike,
@@ -253,14 +289,15 @@ class Optimizer(ABC):
         Args:
             x: (n, D) inputs.
             objective: (n,) values.
-            safety: (n, m) values, or (n,) when there is one safety function.
+            safety: as in `tell`.
             status: as in `tell`.
             candidate: (n,) rows of the finite candidate set, -1 for inputs not in it; None means no row.
             codes: (n, d) codes that the inputs were decoded from; rows of NaN, and None, are encoded.
             initial: the data was there before the first `ask`.
 
         Raises:
-            TrialError: a wrong shape, a value that is no finite number, or a row that does not exist.
+            TrialError: a wrong shape, a value that is no finite number, or a row that does not exist or has
+                another input.
         """
         points = check_points("x", x, self.problem.bounds.shape[1])
         results = check_results(self.problem, len(points), objective, safety, status)
@@ -269,7 +306,7 @@ class Optimizer(ABC):
             encode(self.embedding, points, codes),
             len(self.problem.safety),
             first_id=len(self._ledger),
-            candidate=check_rows(self.problem, candidate, len(points)),
+            candidate=check_rows(self.problem, candidate, points),
             initial=np.full(len(points), initial),
             objective=results.objective,
             safety=results.safety,
@@ -308,7 +345,7 @@ class Optimizer(ABC):
                 "report initial data with observe(..., initial=True)"
             )
         row = self._ledger.best_row(self.feasible)
-        if row is None and self.settings.empty_safe_set == "abstain":
+        if row is None and self._abstains:
             raise NoSafePointError(
                 f"none of the {int(self.trials.completed.sum())} completed trials meets "
                 f"{self._ledger.describe_thresholds()}; report a safe trial, or set empty_safe_set to 'mark'"
@@ -335,7 +372,7 @@ class Optimizer(ABC):
 
     def make_space(self, bounds: FloatArray) -> SearchSpace:
         """A search space over the given box, with this optimiser's kernel metric."""
-        isotropic = self.settings.isotropic
+        isotropic = self.model_settings.isotropic
         return SearchSpace(bounds, isotropic=self.embedding is not None if isotropic is None else isotropic)
 
     @property
@@ -349,6 +386,12 @@ class Optimizer(ABC):
         self._fits.forget()
 
     @property
+    def model_settings(self) -> ModelSettings:
+        """Settings of the Gaussian processes; their defaults for a method that does not consult them."""
+        return self.settings if isinstance(self.settings, ModelSettings) else ModelSettings()
+
+    @property
+    @one_at_a_time
     def surrogate(self) -> Surrogate:
         """Gaussian processes fitted to the completed trials; reading it does not change later proposals.
 
@@ -362,7 +405,7 @@ class Optimizer(ABC):
         rows = self.rows_to_fit()
         if len(rows) == 0:
             raise NoSafePointError(f"{self.name} has no completed trial to fit; report data with observe")
-        trials = self.trials[rows]
+        trials, settings = self.trials[rows], self.model_settings
         return fit_surrogate(
             self.kernel_inputs(trials),
             self.outcomes_to_fit(rows),
@@ -370,7 +413,7 @@ class Optimizer(ABC):
             modelled_thresholds(self.problem.safety),
             start=start,
             cache=cache,
-            limits=LengthScaleLimits(self.settings.shortest_length_scale, self.settings.longest_length_scale),
+            limits=LengthScaleLimits(settings.shortest_length_scale, settings.longest_length_scale),
             noise=self.noise_prior,
             refine=self.refines(),
         )
@@ -390,12 +433,11 @@ class Optimizer(ABC):
 
     def rows_to_fit(self) -> IntArray:
         """Rows of the completed trials that the surrogate is fitted to: all, or those near the best."""
-        return rows_near_best(self._ledger, self.kernel_inputs, self.settings.max_fitted_trials)
+        return rows_near_best(self._ledger, self.kernel_inputs, self.model_settings.max_fitted_trials)
 
     @property
     def certified_points(self) -> int | None:
-        """Points of its own discretisation that the method certified, at most in any round; None if it has "
-        "none."""
+        """Points of its own discretisation that the method certified, at most in any round; None without one."""
         return None
 
     @property
@@ -417,6 +459,7 @@ class Optimizer(ABC):
 
     # --- save and load
 
+    @one_at_a_time
     def save(self, path: str | Path) -> None:
         """Write the whole state to one file, atomically; what `load` returns goes on as this optimiser would.
 
@@ -434,18 +477,45 @@ class Optimizer(ABC):
         """
         return load_optimizer(cls, Path(path), problem, embedding)
 
-    def _pending(self, proposal: Proposal) -> Trials:
+    # --- from a proposal to trials
+
+    @property
+    def _abstains(self) -> bool:
+        return isinstance(self.settings, CentreSettings) and self.settings.empty_safe_set == "abstain"
+
+    def _next_trials(self, n: int) -> Trials:
+        """Trials of a proposal, each believed safe where it will be evaluated, or marked, or left out.
+
+        A proposal may have been moved since the method judged it: to the nearest candidate, or to where an
+        embedding permits.
+        """
+        for _ in range(_ATTEMPTS):
+            left = candidates_left(self.problem, self.taken)
+            if left == 0:
+                break
+            trials = self._realised(self.propose(min(n, left)))
+            broken = ~trials.marked_unsafe & ~self.keeps_promise(trials)
+            if not self._abstains:
+                return replace(trials, marked_unsafe=trials.marked_unsafe | broken)
+            if not broken.all():
+                kept = trials[~broken]
+                return replace(kept, id=len(self._ledger) + np.arange(len(kept)))
+            self.elsewhere = np.concatenate([self.elsewhere, trials.candidate])
+        raise NoSafePointError(
+            f"{self.name} believes nothing safe where it would be evaluated; report more trials near a safe "
+            "one, choose a larger beta (or a smaller alpha), or set empty_safe_set to 'mark'"
+        )
+
+    def _realised(self, proposal: Proposal) -> Trials:
         """The trials that a proposal stands for, with what is believed of them."""
-        points = realise(proposal, self.problem, self.embedding, self.space, self.taken)
-        trials = Trials.pending(
-            points.x,
-            points.z,
-            len(self.problem.safety),
+        trials = realise(
+            proposal,
+            self.problem,
+            self.embedding,
+            self.space,
+            taken=self.taken,
             first_id=len(self._ledger),
             round=self.round + 1,
-            candidate=points.rows,
-            trust_region_length=points.trust_region_length,
-            marked_unsafe=points.marked_unsafe,
         )
         probability, bound = self.believe(trials)
         return replace(trials, predicted_safe_probability=probability, violation_bound=bound)

@@ -33,14 +33,14 @@ from pydantic import Field
 from hdsafebo.gp.sampling import thompson_sample
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.search.candidates import sobol_points
 from hdsafebo.search.region import TrustRegion, TrustRegionRule, safe_update
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
 
 
-class HdSafeBOSettings(OptimizerSettings):
+class HdSafeBOSettings(SafeSetSettings):
     """Settings of HdSafeBO. Where the paper leaves a reading open, the setting says which ones there are.
 
     Attributes:

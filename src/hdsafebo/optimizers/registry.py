@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from hdsafebo.optimizers.base import Optimizer
     from hdsafebo.problem import Codec, Problem
 
-ORIGINAL_SUFFIX = "_original"
-
 
 @dataclass(frozen=True)
 class Method:
@@ -72,12 +70,11 @@ METHODS: dict[str, Method] = {
     "local_random": Method("controls.local_random", "LocalRandom"),
     "random_lowest": Method("controls.random_lowest", "RandomLowest"),
 }
-"""Every method. A name with the suffix `_original` is the same method on the problem's own inputs."""
 
 
 def method_names() -> list[str]:
     """All valid names."""
-    return [*METHODS, *(name + ORIGINAL_SUFFIX for name in METHODS)]
+    return list(METHODS)
 
 
 def method_module(name: str) -> str:
@@ -96,10 +93,9 @@ def method_class(name: str) -> tuple[type[Optimizer], dict[str, Any]]:
 
 
 def _method(name: str) -> Method:
-    method = METHODS.get(name.removesuffix(ORIGINAL_SUFFIX))
-    if method is None:
-        raise UnknownNameError("method", name, [*METHODS, f"any of these with {ORIGINAL_SUFFIX}"])
-    return method
+    if name not in METHODS:
+        raise UnknownNameError("method", name, list(METHODS))
+    return METHODS[name]
 
 
 def make_optimizer(
@@ -114,7 +110,7 @@ def make_optimizer(
     """Make an optimiser by the name of its method.
 
     Args:
-        name: name of the method; with the suffix `_original` embedding and bounds are left aside.
+        name: name of the method.
         problem: what is optimised.
         embedding: see `Optimizer`.
         seed: see `Optimizer`.
@@ -127,8 +123,6 @@ def make_optimizer(
         ParamsError: a setting is unknown, of the wrong type or out of range.
     """
     kind, fixed = method_class(name)
-    if name.endswith(ORIGINAL_SUFFIX):
-        embedding = bounds = None
     return kind(problem, embedding=embedding, seed=seed, bounds=bounds, **(fixed | settings))
 
 
@@ -137,4 +131,4 @@ def load_optimizer(
 ) -> Optimizer:
     """Load an optimiser by the name of its method; see `Optimizer.load`."""
     kind, _ = method_class(name)
-    return kind.load(path, problem, None if name.endswith(ORIGINAL_SUFFIX) else embedding)
+    return kind.load(path, problem, embedding)

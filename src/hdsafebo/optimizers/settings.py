@@ -15,16 +15,32 @@ S = TypeVar("S", bound="OptimizerSettings")
 
 
 class OptimizerSettings(BaseModel):
-    """What every optimiser understands; methods add their own.
+    """Base of all settings. What a method does not use is unknown to it: no setting is ignored."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class CentreSettings(OptimizerSettings):
+    """Settings of a method that starts from the best safe trial.
+
+    Attributes:
+        empty_safe_set: what a method does without a safe trial, and, where it has a safe set, when too few
+            candidates are believed safe: "mark" proposes the most probably safe ones and marks them in
+            `Trials.marked_unsafe`; "abstain" proposes fewer trials, and raises `NoSafePointError` when none
+            is left.
+    """
+
+    empty_safe_set: EmptySafeSet = "mark"
+
+
+class ModelSettings(OptimizerSettings):
+    """Settings of a method that consults the Gaussian processes, at least for what it says of each trial.
 
     Attributes:
         beta: a point is in the safe set when mu + beta * sigma >= h (paper: 2 in all experiments).
         alpha: safe probability to promise instead, beta = Phi^-1(1 - alpha) (paper, Proposition 1).
-        empty_safe_set: when too few candidates are believed safe: "mark" proposes the most probably safe ones
-            and marks them in `Trials.marked_unsafe`; "abstain" proposes fewer trials, and raises
-            `NoSafePointError` when there is none.
         isotropic: divide all code dimensions by one number for the kernel, as Proposition 3 of the paper
-            needs, or each by its own width (see `search_space`); None does so when there is an embedding.
+            needs, or each by its own width (see `search.space`); None does so when there is an embedding.
         shortest_length_scale: limit of fitted length scales, in median distances of the data.
         longest_length_scale: the other limit.
         max_fitted_trials: the surrogate is fitted only to so many completed trials, those nearest to the best
@@ -36,18 +52,15 @@ class OptimizerSettings(BaseModel):
             out say nothing about it. The models of their own that some baselines fit are not bounded.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
     beta: float = 2.0
     alpha: float | None = Field(default=None, gt=0, lt=1)
-    empty_safe_set: EmptySafeSet = "mark"
     isotropic: bool | None = None
     shortest_length_scale: float = Field(default=0.005, gt=0)
     longest_length_scale: float = Field(default=3.0, gt=0)
     max_fitted_trials: int | None = Field(default=None, ge=1)
 
     @model_validator(mode="after")
-    def _one_confidence(self) -> OptimizerSettings:
+    def _one_confidence(self) -> ModelSettings:
         if self.alpha is not None and "beta" in self.model_fields_set:
             raise ValueError(
                 f"alpha ({self.alpha}) and beta ({self.beta}) set the same thing; give one of them"
@@ -63,6 +76,10 @@ class OptimizerSettings(BaseModel):
     def confidence(self) -> float:
         """The beta that is used: as given, or from alpha."""
         return self.beta if self.alpha is None else beta_of(self.alpha)
+
+
+class SafeSetSettings(CentreSettings, ModelSettings):
+    """Settings of a method whose trials are believed safe, or marked, or not proposed."""
 
 
 def check_settings(kind: type[S], method: str, values: Mapping[str, Any]) -> S:

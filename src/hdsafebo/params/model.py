@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from hdsafebo.params.base import Block, Count, MethodSettings
+from hdsafebo.params.base import Block, Count
 from hdsafebo.params.embeddings import Digits, Embeddings, Isometry
 from hdsafebo.params.hand import Hand
+from hdsafebo.params.methods import Method, with_algorithms
 from hdsafebo.params.spinal import Spinal
 from hdsafebo.params.tasks import Tasks
 
@@ -57,10 +58,15 @@ class Params(Block):
     isometry: Isometry = Isometry()
     digits: Digits = Digits()
     tasks: Tasks
-    methods: dict[str, MethodSettings]
+    methods: dict[str, Method]
     compute: Compute = Compute()
     tracking: Tracking = Tracking()
     report: Report = Report()
+
+    @field_validator("methods", mode="before")
+    @classmethod
+    def _name_algorithms(cls, methods: Any) -> Any:
+        return with_algorithms(methods)
 
     @model_validator(mode="after")
     def _one_threshold(self) -> Params:

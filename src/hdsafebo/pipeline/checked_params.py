@@ -42,10 +42,12 @@ def check_names(params: Params, source: str) -> None:
         ParamsError: the first unknown name or setting, with the valid ones.
     """
     known = method_names()
-    for name in params.methods:
-        if name not in known:
+    for name, method in params.methods.items():
+        if method.algorithm not in known:
             raise ParamsError(
-                f"{source}: methods: unknown method {name!r}; valid names: {', '.join(sorted(known))}"
+                f"{source}: methods.{name}: unknown method {method.algorithm!r}; "
+                f"valid names: {', '.join(sorted(known))}; a block of another name gives one of them "
+                "as its algorithm, as in {algorithm: scbo, space: original}"
             )
     for name, settings in params.embeddings.models.items():
         try:

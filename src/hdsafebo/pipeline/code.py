@@ -7,12 +7,12 @@ A change of one module then reruns its users only, and the diff of a file names 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from hdsafebo.embeddings.registry import embedding_modules
 from hdsafebo.files.atomic import replacing
-from hdsafebo.optimizers.registry import method_module, method_names
+from hdsafebo.optimizers.registry import method_module
 from hdsafebo.pipeline.imports import ImportGraph
 from hdsafebo.pipeline.provenance import digest_file
 from hdsafebo.problems.registry import family_names, task_module
@@ -20,14 +20,16 @@ from hdsafebo.problems.registry import family_names, task_module
 CODE = "data/code"
 
 
-def code_files(root: Path) -> dict[str, set[Path]]:
+def code_files(root: Path, algorithms: Mapping[str, str]) -> dict[str, set[Path]]:
     """Modules and scripts by the name of the code file that lists them, as in `methods/scbo`.
 
     Args:
         root: the project's directory, with `src` and `stages`.
+        algorithms: what runs, by the name of the method's block in the parameters.
 
     Raises:
         SyntaxError: a file is no Python.
+        UnknownNameError: an algorithm is unknown.
     """
     graph = ImportGraph(root / "src")
     roots = {
@@ -36,7 +38,9 @@ def code_files(root: Path) -> dict[str, set[Path]]:
         if script.stem != "code"
     }
     roots |= {f"tasks/{name}": graph.file_of(task_module(name)) for name in family_names()}
-    roots |= {f"methods/{name}": graph.file_of(method_module(name)) for name in method_names()}
+    roots |= {
+        f"methods/{name}": graph.file_of(method_module(algorithm)) for name, algorithm in algorithms.items()
+    }
     return {name: modules_behind([path], graph) for name, path in roots.items()}
 
 
@@ -56,14 +60,14 @@ def modules_behind(roots: Iterable[Path], graph: ImportGraph) -> set[Path]:
     return found
 
 
-def write_code_files(root: Path) -> None:
-    """Write `data/code/**.txt`, one line per module: digest and path, sorted by path.
+def write_code_files(root: Path, algorithms: Mapping[str, str]) -> None:
+    """Write `data/code/**.txt`, one line per module: digest and path, sorted by path; see `code_files`.
 
     Raises:
         WriteError: a file cannot be written.
     """
     digests: dict[Path, str] = {}
-    for name, modules in code_files(root).items():
+    for name, modules in code_files(root, algorithms).items():
         for path in modules - digests.keys():
             digests[path] = digest_file(path)
         lines = sorted((path.relative_to(root).as_posix(), digests[path]) for path in modules)

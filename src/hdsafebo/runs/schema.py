@@ -7,19 +7,19 @@ its form from here alone.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from hdsafebo.params import Space
 from hdsafebo.problem import Problem
 from hdsafebo.trials import Status
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Space = Literal["latent", "original"]
 Rows = dict[str, NDArray[Any]]
 """Columns of a run file (k,) by name, and `z` (k, d) float32."""
 
@@ -99,6 +99,7 @@ class RunMetadata(BaseModel):
     Attributes:
         task: name of the task.
         method: name of the method's block in the parameters.
+        algorithm: what runs under that name, by its name in the registry of methods.
         profile: name of the sizes it was run with.
         settings: the method's settings.
         safety_names: safety functions in the order of the problem.
@@ -121,6 +122,7 @@ class RunMetadata(BaseModel):
 
     task: str
     method: str
+    algorithm: str
     profile: str
     settings: dict[str, Any]
     safety_names: list[str]

@@ -80,7 +80,7 @@ def test_saving_replaces_the_old_file_whole(tmp_path: Path, monkeypatch: pytest.
         raise OSError("disk full")
 
     with monkeypatch.context() as patch:
-        patch.setattr("hdsafebo.optimizers.core.state_file.os.fsync", fail)
+        patch.setattr("hdsafebo.files.atomic.os.fsync", fail)
         with pytest.raises(StateFileError, match="cannot be written: disk full"):
             made.save(path)
     assert path.read_bytes() == old

@@ -14,7 +14,7 @@ from hdsafebo.gp.ard import BOTORCH_DEFAULT, Kernel
 from hdsafebo.gp.ard_process import ArdProcess, BelievedPool, WarmStart
 from hdsafebo.gp.surrogate import modelled_safety, modelled_thresholds
 from hdsafebo.optimizers.base import Optimizer, Proposal
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.search.acquisition import (
     Acquisition,
     log_expected_improvement,
@@ -22,6 +22,7 @@ from hdsafebo.search.acquisition import (
     maximise,
 )
 from hdsafebo.search.candidates import sobol_points
+from hdsafebo.trials import Status
 from hdsafebo.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ _Term = Callable[[FloatArray, FloatArray, float], tuple[FloatArray, FloatArray, 
 P = TypeVar("P")
 
 
-class CeiSettings(OptimizerSettings):
+class CeiSettings(SafeSetSettings):
     """Settings of `cei` and `cei_prob`.
 
     Attributes:
@@ -54,14 +55,15 @@ class CeiProb(Optimizer):
     """Expected improvement times probability of feasibility (Schonlau et al. 1998; Gardner et al. 2014).
 
     In logarithms, log EI + sum_j log Pr(g_j >= h_j), as BoTorch's `LogConstrainedExpectedImprovement`. The
-    points of a batch are chosen one after another, each as if the outcomes of those before it were their
-    means. The improvement counts from the best feasible outcome; while there is none, only feasibility
-    is maximised.
+    points of a batch are chosen one after another, each as if the outcomes of those before it, and of those
+    under evaluation, were their means. The improvement counts from the best feasible outcome; while there is
+    none, only feasibility is maximised.
 
     The models are those of `botorch.models.SingleTaskGP`: one length scale per dimension with the
     dimension-scaled prior (Hvarfner et al. 2024), standardised outcomes. The kernel is the paper's
     Matern-5/2, or BoTorch's default, the squared exponential (`kernel`). What a trial carries of safety comes
-    from the common surrogate, as for all methods.
+    from the common surrogate, as for all methods: the acquisition function weighs feasibility and demands
+    none, so trials that the surrogate does not believe safe are marked, or left out (`empty_safe_set`).
     """
 
     name = "cei_prob"
@@ -102,6 +104,8 @@ class CeiProb(Optimizer):
         d = self.space.dimension
         feasible = self.best()
         best = None if feasible is None else float(feasible.objective[0])
+        for point in self._waiting():
+            processes, best = _believing(processes, point, best)
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]]), 0.0, 1.0)
         near = np.clip(centre + _NEAR_STEP * self.rng.standard_normal((_NEAR, d)), 0.0, 1.0)
         raw = np.vstack([sobol_points(_RAW, d, self.rng), near])
@@ -115,12 +119,13 @@ class CeiProb(Optimizer):
             chosen = np.vstack([chosen, point])
             if len(chosen) == n:
                 return chosen
-            believed, *margins = (float(p.predict(point[None])[0][0]) for p in processes)
-            if min(margins) >= 0:
-                best = believed if best is None else max(best, believed)
-            processes = [process.believing(point[None]) for process in processes]
+            processes, best = _believing(processes, point, best)
             for pool, process in zip(pools, processes, strict=True):
                 pool.follow(process)
+
+    def _waiting(self) -> FloatArray:
+        """(k, d) points of the unit cube that are under evaluation."""
+        return self.space.to_unit(self.trials.z[self.trials.status == Status.PENDING])
 
 
 class Cei(CeiProb):
@@ -140,7 +145,7 @@ class Cei(CeiProb):
         processes = self._processes()
         greedy = self._greedy_batch(processes, n)
         seed = int(self.rng.integers(_SEEDS))
-        return Proposal(_improve_batch(processes, greedy, self._incumbent(), seed))
+        return Proposal(_improve_batch(processes, greedy, self._waiting(), self._incumbent(), seed))
 
     def _incumbent(self) -> float:
         """The best feasible outcome; without one a value below all that was observed, as in BoTorch."""
@@ -149,6 +154,16 @@ class Cei(CeiProb):
             return float(best.objective[0])
         observed = self.trials.objective[self.trials.completed]
         return float(observed.min() - (observed.max() - observed.min() or 1.0))
+
+
+def _believing(
+    processes: list[ArdProcess], point: FloatArray, best: float | None
+) -> tuple[list[ArdProcess], float | None]:
+    """The processes and the incumbent as if their means had been observed at a point (d,)."""
+    believed, *margins = (float(p.predict(point[None])[0][0]) for p in processes)
+    if min(margins) >= 0:
+        best = believed if best is None else max(best, believed)
+    return [process.believing(point[None]) for process in processes], best
 
 
 def constrained_improvement(processes: list[ArdProcess], best: float | None) -> Acquisition:
@@ -199,8 +214,10 @@ def default_models(processes: list[ArdProcess]) -> ModelListGP:
     return ModelListGP(*models)
 
 
-def _improve_batch(processes: list[ArdProcess], greedy: FloatArray, best: float, seed: int) -> FloatArray:
-    """(n, d) batch that BoTorch's optimiser makes of the greedy one."""
+def _improve_batch(
+    processes: list[ArdProcess], greedy: FloatArray, pending: FloatArray, best: float, seed: int
+) -> FloatArray:
+    """(n, d) batch that BoTorch's optimiser makes of the greedy one, beside (k, d) pending points."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import torch
@@ -216,6 +233,7 @@ def _improve_batch(processes: list[ArdProcess], greedy: FloatArray, best: float,
             sampler=SobolQMCNormalSampler(torch.Size([_MC_SAMPLES]), seed=seed),
             objective=GenericMCObjective(lambda samples, X=None: samples[..., 0]),
             constraints=[lambda samples, j=j: -samples[..., j] for j in range(1, len(processes))],
+            X_pending=torch.from_numpy(pending) if len(pending) else None,
         )
         box = torch.stack([torch.zeros(d, dtype=torch.double), torch.ones(d, dtype=torch.double)])
         with torch.random.fork_rng():

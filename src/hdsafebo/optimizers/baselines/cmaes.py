@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hdsafebo.errors import NoSafePointError
 from hdsafebo.optimizers.base import Optimizer, Proposal
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import CentreSettings
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray
 
@@ -25,7 +25,7 @@ _DIAGONAL_FROM = 500
 rate of about 1/d^2 per trial and costs d^3."""
 
 
-class CmaEsSettings(OptimizerSettings):
+class CmaEsSettings(CentreSettings):
     """Settings of `cmaes`.
 
     Attributes:
@@ -38,6 +38,15 @@ class CmaEsSettings(OptimizerSettings):
     start: Literal["best_safe", "centre"] = "best_safe"
     step: float = Field(default=0.25, gt=0)
     population: int | None = Field(default=None, ge=_SMALLEST_BATCH)
+
+    @model_validator(mode="after")
+    def _start_that_can_be_missing(self) -> CmaEsSettings:
+        if self.start == "centre" and "empty_safe_set" in self.model_fields_set:
+            raise ValueError(
+                f"empty_safe_set ({self.empty_safe_set!r}) has no meaning with start 'centre', which needs "
+                "no safe trial; give one of them"
+            )
+        return self
 
 
 class CmaEs(Optimizer):
@@ -55,7 +64,6 @@ class CmaEs(Optimizer):
     name = "cmaes"
     Settings = CmaEsSettings
     settings: CmaEsSettings
-    consults_model = False
     uses = frozenset({"latent_space", "safety"})  # of the safety functions, the values
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -108,7 +116,7 @@ class CmaEs(Optimizer):
                 self._strategy = self._make_strategy(n)
             points = self._strategy.ask(n)
         self._sampled |= {first + i: point for i, point in enumerate(points)}
-        return np.stack(points)
+        return np.stack(points)[:, : self.space.dimension]
 
     def _tell(self, ids: list[int]) -> None:
         """Queue trials, and hand over the generations that are complete."""
@@ -152,7 +160,8 @@ class CmaEs(Optimizer):
         population = self.settings.population or (batch if batch >= _SMALLEST_BATCH else None)
         if population is not None:
             options["popsize"] = population
-        return cma.CMAEvolutionStrategy(self._mean, self.settings.step, options)
+        mean = np.resize(self._mean, max(len(self._mean), 2))  # pycma needs two; the second then does nothing
+        return cma.CMAEvolutionStrategy(mean, self.settings.step, options)
 
     def _first_mean(self) -> FloatArray:
         """(d,) where the search starts."""

@@ -8,11 +8,11 @@ from pydantic import Field
 from hdsafebo.gp.sampling import thompson_sample
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.search.candidates import sobol_points
 
 
-class ConfigSettings(OptimizerSettings):
+class ConfigSettings(SafeSetSettings):
     """Settings of `config`.
 
     Attributes:

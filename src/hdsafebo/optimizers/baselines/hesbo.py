@@ -36,7 +36,7 @@ class Hesbo(SubspaceOptimizer):
     Every input follows one of d latent coordinates, up to sign, both drawn at random; the map has the
     box as its image, so nothing is clipped. A Matern-5/2 process with a length scale per latent coordinate
     and expected improvement, as in their HeSBO-EI. The points of a batch are chosen one after another,
-    each as if the outcomes of those before it were their means.
+    each as if the outcomes of those before it, and of those under evaluation, were their means.
     """
 
     name = "hesbo"
@@ -58,8 +58,11 @@ class Hesbo(SubspaceOptimizer):
         best, d = float(objective.max()), y.shape[1]
         incumbent = y[[np.argmax(objective)]]
         chosen = np.empty((0, d))
+        waiting = self.waiting()
+        if len(waiting):
+            best = max(best, float(process.predict(waiting)[0].max()))
         for _ in range(n):
-            acquisition = improvement(process.believing(chosen), best)
+            acquisition = improvement(process.believing(np.vstack([waiting, chosen])), best)
             raw = np.vstack([sobol_points(_RAW, d, self.rng), self._around(incumbent)])
             starts = raw[np.argsort(-acquisition(raw)[0], kind="stable")[:_STARTS]]
             point, _ = maximise(acquisition, starts, np.zeros(d), np.ones(d))

@@ -10,16 +10,21 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.linalg import solve_triangular
 
+from hdsafebo.errors import TrialError
 from hdsafebo.gp.gaussian_process import GaussianProcess
-from hdsafebo.gp.kernel import fast_distances, matern52
+from hdsafebo.gp.kernel import exact_distances, fast_distances, matern52
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.search.candidates import sobol_points
+from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
+_SAME_POINT = 1e-9
+"""In widths of the box: two points so near are one, whose code was rounded."""
 
-class SafeOptSettings(OptimizerSettings):
+
+class SafeOptSettings(SafeSetSettings):
     """Settings of `safeopt`.
 
     Attributes:
@@ -43,7 +48,8 @@ class SafeOpt(Optimizer):
         G  potential expanders: points of S whose optimistic outcome would certify a point outside S
         x  the point of M and G with the widest confidence interval
 
-    The later points of a batch are chosen as if the outcomes before them were their means. When nothing of
+    The later points of a batch are chosen as if the outcomes before them, and those that are still out, were
+    their means; a point that is under evaluation is not proposed again. When nothing of
     the discretisation is certified, S holds evaluated points only, and the most uncertain of them are
     evaluated again: safe, and no progress. `expansion` records it. On a finite candidate set a
     candidate cannot be evaluated twice; `empty_safe_set` then decides.
@@ -73,8 +79,15 @@ class SafeOpt(Optimizer):
         inside = np.flatnonzero(safe)
         interesting, expanders = self._interesting(inputs, safe)
         self._record(len(points), certified, expanders)
-        chosen = inside[_widest(self._views(inputs[inside]), interesting, n)] if len(inside) else inside
-        chosen = complete_batch(chosen, n, inputs, self.surrogate, self.settings.empty_safe_set)
+        pending = self._under_evaluation(everything)
+        free = np.flatnonzero(~pending)
+        if len(free) == 0:
+            raise TrialError(f"all {len(everything)} points that safeopt may propose are under evaluation")
+        chosen = inside
+        if len(inside):
+            chosen = inside[_widest(self._views(inputs[inside]), interesting, n, pending[inside])]
+        position = np.searchsorted(free, chosen)
+        chosen = free[complete_batch(position, n, inputs[free], self.surrogate, self.settings.empty_safe_set)]
         marked = ~safe[chosen]
         if rows is not None:
             return Proposal(rows=rows[chosen], marked_unsafe=marked)
@@ -107,6 +120,22 @@ class SafeOpt(Optimizer):
         x = candidates.inputs(free)
         z = x if self.embedding is None else np.asarray(self.embedding.encode(x), float)
         return self.space.to_unit(z), free
+
+    def _under_evaluation(self, points: FloatArray) -> NDArray[np.bool_]:
+        """(k,) True for points of the unit cube whose own result is still out."""
+        waiting = self.space.to_unit(self.trials.z[self.trials.status == Status.PENDING])
+        if len(waiting) == 0:
+            return np.zeros(len(points), bool)
+        return np.asarray(exact_distances(points, waiting).min(axis=1) < _SAME_POINT)
+
+    def keeps_promise(self, trials: Trials) -> NDArray[np.bool_]:
+        """Certified, or an evaluated point that was safe."""
+        promised = super().keeps_promise(trials)
+        if not promised.all() and self.feasible.any():
+            seen = self.space.to_unit(self.trials.z[self.feasible])
+            again = exact_distances(self.space.to_unit(trials.z), seen).min(axis=1) < _SAME_POINT
+            promised = promised | again
+        return promised
 
     def _interesting(self, inputs: FloatArray, safe: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
         """(s,) True for maximisers and expanders among the s safe points; the number of expanders."""
@@ -169,11 +198,20 @@ class _View:
         self.variance = np.maximum(self.variance - vector * vector, 1e-12)
 
 
-def _widest(views: list[_View], interesting: NDArray[np.bool_], n: int) -> IntArray:
-    """At most n safe points, the interesting ones first, each the widest after those before it."""
+def _widest(
+    views: list[_View], interesting: NDArray[np.bool_], n: int, pending: NDArray[np.bool_]
+) -> IntArray:
+    """At most n safe points, the interesting ones first, each the widest after those before it.
+
+    Those that are under evaluation come before all others, and are not chosen.
+    """
+    for view in views:
+        for waiting in np.flatnonzero(pending):
+            view.believe(int(waiting))
     chosen: list[int] = []
-    for _ in range(min(n, len(interesting))):
+    for _ in range(min(n, int((~pending).sum()))):
         width = np.max([view.variance for view in views], axis=0) + 2.0 * interesting
+        width[pending] = -np.inf
         width[chosen] = -np.inf
         j = int(np.argmax(width))
         chosen.append(j)

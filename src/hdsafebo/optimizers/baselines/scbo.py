@@ -14,10 +14,15 @@ from hdsafebo.gp.sampling import distinct_maxima
 from hdsafebo.gp.surrogate import modelled_safety, modelled_thresholds
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.baselines.box_region import BoxRegionSettings, failure_tolerance
+from hdsafebo.optimizers.settings import ModelSettings
 from hdsafebo.search.candidates import box_candidates, sobol_points
 from hdsafebo.search.region import IMPROVEMENT, TrustRegion, safe_update
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
+
+
+class ScboSettings(BoxRegionSettings, ModelSettings):
+    """Settings of `scbo`: of its region, and of the surrogate that says what is believed of its trials."""
 
 
 class Scbo(Optimizer):
@@ -36,8 +41,8 @@ class Scbo(Optimizer):
 
     name = "scbo"
     uses = frozenset({"latent_space", "safety"})  # a length scale for each searched coordinate
-    Settings = BoxRegionSettings
-    settings: BoxRegionSettings
+    Settings = ScboSettings
+    settings: ScboSettings
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

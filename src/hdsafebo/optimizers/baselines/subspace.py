@@ -13,6 +13,7 @@ from hdsafebo.optimizers.base import Codec, Optimizer, Proposal
 from hdsafebo.optimizers.baselines.count_sketch import CountSketch
 from hdsafebo.problem import Problem
 from hdsafebo.search.candidates import sobol_points
+from hdsafebo.trials import Status
 from hdsafebo.typing import FloatArray
 
 
@@ -27,7 +28,6 @@ class SubspaceOptimizer(Optimizer):
     """
 
     uses_initial_data: ClassVar[bool] = False
-    consults_model = False
     uses: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(
@@ -40,7 +40,6 @@ class SubspaceOptimizer(Optimizer):
         **settings: Any,
     ) -> None:
         super().__init__(problem, seed=seed, **settings)
-        self._codec = embedding
         self._codec = embedding
         self._sketch = self.first_sketch()
         self._latent = np.empty((0, self._sketch.dimension))
@@ -65,6 +64,11 @@ class SubspaceOptimizer(Optimizer):
         self._latent = np.vstack([self._latent[: len(self.trials)], missing, 2.0 * latent - 1.0])
         lifted = self._sketch.lift(self._latent[-len(latent) :])
         return Proposal((lifted + 1.0) / 2.0, trust_region_length=length)
+
+    def waiting(self) -> FloatArray:
+        """(k, d) latent points in the unit cube whose results are still out."""
+        latent = self._latent[: len(self.trials)][self.trials.status[: len(self._latent)] == Status.PENDING]
+        return (latent[np.isfinite(latent[:, 0])] + 1.0) / 2.0
 
     def _known(self) -> tuple[NDArray[np.int64], FloatArray]:
         """Rows of the completed trials that have a latent point, and those points in the unit cube."""

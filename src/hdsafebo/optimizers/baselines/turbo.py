@@ -30,7 +30,6 @@ class Turbo(Optimizer):
     name = "turbo"
     Settings = BoxRegionSettings
     settings: BoxRegionSettings
-    consults_model = False
     uses = frozenset({"latent_space"})
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from hdsafebo.optimizers.base import Optimizer, Proposal
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import CentreSettings
 
 
-class LocalRandomSettings(OptimizerSettings):
+class LocalRandomSettings(CentreSettings):
     """Settings of `local_random`.
 
     Attributes:
@@ -39,7 +39,6 @@ class LocalRandom(Optimizer):
     name = "local_random"
     Settings = LocalRandomSettings
     settings: LocalRandomSettings
-    consults_model = False
     uses = frozenset({"latent_space", "safety"})  # of the safety functions, which trials were safe
 
     def propose(self, n: int) -> Proposal:

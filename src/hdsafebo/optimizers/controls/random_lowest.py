@@ -30,7 +30,6 @@ class RandomLowest(Optimizer):
     """
 
     name = "random_lowest"
-    consults_model = False
     uses = frozenset({"candidate_rows"})
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:

@@ -23,7 +23,6 @@ class Sobol(Optimizer):
     """
 
     name = "sobol"
-    consults_model = False
     uses = frozenset({"latent_space", "candidate_rows"})
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:

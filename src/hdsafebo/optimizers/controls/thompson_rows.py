@@ -10,13 +10,13 @@ from hdsafebo.errors import ProblemError
 from hdsafebo.gp.sampling import thompson_sample
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.problem import CandidateSet
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
 
 
-class ThompsonRowsSettings(OptimizerSettings):
+class ThompsonRowsSettings(SafeSetSettings):
     """Settings of `thompson_rows`.
 
     Attributes:

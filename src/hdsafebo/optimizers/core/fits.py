@@ -40,6 +40,13 @@ class Fits:
         self._next_start: SurrogateState | None = None
         self._current: Surrogate | None = None
 
+    def copy(self) -> Fits:
+        """The same fits, which later calls of either leave as they are."""
+        other = Fits()
+        other._cache, other._start = self._cache, self._start
+        other._next_start, other._current = self._next_start, self._current
+        return other
+
     def current(self, fit: Fit) -> Surrogate:
         """The surrogate of the present data; `fit` makes it from a start and cached distances."""
         if self._current is None:

@@ -11,13 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import HdSafeBOError, StateFileError
 from hdsafebo.optimizers.core.fits import Fits
+from hdsafebo.optimizers.core.identity import (
+    check_bounds,
+    check_codes,
+    check_evidence,
+    check_identity,
+    evidence_of,
+    identity_of,
+)
 from hdsafebo.optimizers.core.ledger import Ledger
 from hdsafebo.optimizers.core.state_file import read_state, write_state
 from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.problem import Codec, Problem
 from hdsafebo.search.space import SearchSpace
-from hdsafebo.trials import Trials
-from hdsafebo.typing import FloatArray
+from hdsafebo.trials import Status, Trials
 
 
 class Persistent(Protocol):
@@ -50,7 +57,7 @@ class Persistent(Protocol):
 T = TypeVar("T", bound=Persistent)
 _TRIALS = "trials."
 _METHOD = "method."
-_CODES_CHECKED = 8
+_PROBLEM = "problem."
 
 
 def save_optimizer(optimizer: Persistent, path: Path) -> None:
@@ -60,7 +67,7 @@ def save_optimizer(optimizer: Persistent, path: Path) -> None:
     state = {
         "method": optimizer.name,
         "settings": optimizer.settings.model_dump(mode="json", exclude_unset=True),
-        "problem": _identity(optimizer.problem),
+        "problem": identity_of(optimizer.problem),
         "embedded": optimizer.embedding is not None,
         "round": optimizer.round,
         "generator": optimizer.rng.bit_generator.state,
@@ -69,7 +76,8 @@ def save_optimizer(optimizer: Persistent, path: Path) -> None:
     }
     arrays = {_TRIALS + f.name: getattr(optimizer.trials, f.name) for f in fields(Trials)}
     arrays |= {_METHOD + name: value for name, value in method_arrays.items()}
-    arrays["problem.bounds"] = optimizer.problem.bounds
+    evidence = evidence_of(optimizer.problem, optimizer.trials)
+    arrays |= {_PROBLEM + name: value for name, value in evidence.items()}
     if space is not None:
         arrays["bounds"] = space.bounds
     write_state(path, state, arrays)
@@ -79,16 +87,24 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
     """Read the state of an optimiser; see `Optimizer.load`."""
     state, arrays = read_state(path)
     try:
-        _check_identity(kind, path, state, arrays, problem, embedding)
+        if state["method"] != kind.name:
+            raise StateFileError(f"{path}: state of method {state['method']!r}; expected {kind.name!r}")
+        check_identity(path, state["problem"], problem)
+        if state["embedded"] != (embedding is not None):
+            raise StateFileError(
+                f"{path}: saved {'with' if state['embedded'] else 'without'} an embedding, expected the same"
+            )
         optimizer = kind(problem, embedding=embedding, bounds=arrays.get("bounds"), **state["settings"])
         trials = Trials(**{f.name: arrays[_TRIALS + f.name] for f in fields(Trials)})
-        _check_codes(path, trials, optimizer)
+        check_bounds(path, _part(arrays, _PROBLEM), problem)
+        _check_table(path, trials, state["round"], problem)
+        check_evidence(path, _part(arrays, _PROBLEM), problem, trials)
+        check_codes(path, trials, problem, optimizer.embedding)
         optimizer._ledger.append(trials)
         optimizer.round = state["round"]
         optimizer.rng.bit_generator.state = state["generator"]
         optimizer._fits.restore(state["fits"])
-        method_arrays = {n.removeprefix(_METHOD): a for n, a in arrays.items() if n.startswith(_METHOD)}
-        optimizer.restore_method_state(state["method_state"], method_arrays)
+        optimizer.restore_method_state(state["method_state"], _part(arrays, _METHOD))
     except StateFileError:
         raise
     except (HdSafeBOError, KeyError, TypeError, ValueError, AttributeError) as error:
@@ -96,62 +112,46 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
     return optimizer
 
 
-def _identity(problem: Problem) -> dict[str, Any]:
-    safety = [[s.name, s.threshold, s.modelled, s.transform is not None] for s in problem.safety]
-    candidates = None if problem.candidates is None else len(problem.candidates)
-    return {"name": problem.name, "safety": safety, "candidates": candidates}
+def _part(arrays: dict[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
+    """The arrays whose names have a prefix, without it."""
+    return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
 
 
-def _check_identity(
-    kind: type[Persistent],
-    path: Path,
-    state: dict[str, Any],
-    arrays: dict[str, Any],
-    problem: Problem,
-    embedding: Codec | None,
-) -> None:
-    """Refuse a state that belongs to something else."""
-    if state["method"] != kind.name:
-        raise StateFileError(f"{path}: state of method {state['method']!r}; expected {kind.name!r}")
-    identity = _identity(problem)
-    for key, value in identity.items():
-        if state["problem"].get(key) != value:
+def _check_table(path: Path, trials: Trials, rounds: Any, problem: Problem) -> None:
+    """Refuse a table that no optimiser of this problem could have.
+
+    Raises:
+        StateFileError: a column has another type, length or range.
+    """
+    n, d = len(trials), problem.bounds.shape[1]
+    if isinstance(rounds, bool) or not isinstance(rounds, int) or rounds < 0:
+        raise StateFileError(f"{path}: {rounds!r} rounds; expected a whole number, at least 0")
+    model = Trials.pending(np.empty((0, d)), np.empty((0, 1)), len(problem.safety))
+    for f in fields(Trials):
+        column, expected = getattr(trials, f.name), getattr(model, f.name)
+        if column.dtype != expected.dtype or column.ndim != expected.ndim or len(column) != n:
             raise StateFileError(
-                f"{path}: {key} of the problem was {state['problem'].get(key)!r}; expected {value!r}"
+                f"{path}: trials.{f.name} has type {column.dtype} and shape {column.shape}; expected "
+                f"{expected.dtype} and {n} rows of {expected.ndim - 1} dimensions"
             )
-    if not np.array_equal(arrays["problem.bounds"], problem.bounds):
-        raise StateFileError(f"{path}: bounds of problem {problem.name!r} differ from those that were saved")
-    if state["embedded"] != (embedding is not None):
-        raise StateFileError(
-            f"{path}: saved {'with' if state['embedded'] else 'without'} an embedding, expected the same"
-        )
-
-
-def _check_codes(path: Path, trials: Trials, optimizer: Persistent) -> None:
-    """Refuse another embedding than the one the codes were made with, and tables that do not fit together."""
-    if len({len(getattr(trials, f.name)) for f in fields(Trials)}) != 1:
-        raise StateFileError(f"{path}: columns of the trials differ in length")
-    if not np.array_equal(trials.id, np.arange(len(trials))):
-        raise StateFileError(f"{path}: ids of the trials are not 0 to {len(trials) - 1}")
-    if len(trials):
-        some = trials[:_CODES_CHECKED]
-        if not _belong(some, optimizer).all():
-            raise StateFileError(f"{path}: the embedding gives other codes than those that were saved")
-
-
-def _belong(trials: Trials, optimizer: Persistent) -> NDArray[np.bool_]:
-    """(n,) True where the code is the input's, or the input is the code's (see `proposal.realise`)."""
-    if optimizer.embedding is None:
-        return _same_rows(trials.x, trials.z)
-    encoded = _same_rows(np.asarray(optimizer.embedding.encode(trials.x), float), trials.z)
-    if encoded.all() or optimizer.problem.candidates is not None:
-        return encoded
-    lower, upper = optimizer.problem.bounds
-    decoded = np.clip(np.asarray(optimizer.embedding.decode(trials.z), float), lower, upper)
-    return encoded | ((trials.round > 0) & _same_rows(decoded, trials.x))
-
-
-def _same_rows(a: FloatArray, b: FloatArray) -> NDArray[np.bool_]:
-    if a.shape != b.shape:
-        return np.zeros(len(b), bool)
-    return np.asarray(np.isclose(a, b, rtol=1e-6, atol=1e-9).all(axis=1))
+    completed = trials.status == Status.COMPLETED
+    total = 0 if problem.candidates is None else len(problem.candidates)
+    sound = {
+        "id": np.array_equal(trials.id, np.arange(n)),
+        "x": trials.x.shape[1] == d and np.isfinite(trials.x).all(),
+        "z": np.isfinite(trials.z).all(),
+        "status": np.isin(trials.status, list(Status)).all(),
+        "objective": np.array_equal(np.isfinite(trials.objective), completed)
+        and not np.isinf(trials.objective).any(),
+        "safety": trials.safety.shape[1] == len(problem.safety)
+        and np.array_equal(np.isfinite(trials.safety).all(axis=1), completed)
+        and not np.isinf(trials.safety).any(),
+        "candidate": (trials.candidate >= -1).all() and (trials.candidate < total).all(),
+        "round": (trials.round >= 0).all() and (trials.round <= rounds).all(),
+        "predicted_safe_probability": not (np.abs(trials.predicted_safe_probability - 0.5) > 0.5).any(),
+        "violation_bound": not (trials.violation_bound < 0).any(),
+        "trust_region_length": not (trials.trust_region_length < 0).any(),
+    }
+    wrong = [name for name, right in sound.items() if not right]
+    if wrong:
+        raise StateFileError(f"{path}: values of trials.{wrong[0]} that no trial of this problem can have")

@@ -10,7 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from hdsafebo.errors import ProblemError, TrialError
 from hdsafebo.problem import Codec, MovingCodec, Problem
 from hdsafebo.search.space import SearchSpace
+from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray, IntArray
+
+_ROUNDING = 1e-12
+"""In widths of the searched box: what an encoder that undoes its decoder may miss a code by."""
 
 
 @dataclass(frozen=True)
@@ -30,29 +34,17 @@ class Proposal:
     marked_unsafe: NDArray[np.bool_] | None = None
 
 
-@dataclass(frozen=True)
-class Realised:
-    """The k points of a proposal as they will be evaluated.
-
-    Attributes:
-        x: (k, D) inputs.
-        z: (k, d) their codes.
-        rows: (k,) candidate rows, -1 without a candidate set.
-        trust_region_length: (k,).
-        marked_unsafe: (k,).
-    """
-
-    x: FloatArray
-    z: FloatArray
-    rows: IntArray
-    trust_region_length: FloatArray
-    marked_unsafe: NDArray[np.bool_]
-
-
 def realise(
-    proposal: Proposal, problem: Problem, embedding: Codec | None, space: SearchSpace, taken: IntArray
-) -> Realised:
-    """Decode a proposal; on a finite set, move it to the nearest free candidates and encode those again.
+    proposal: Proposal,
+    problem: Problem,
+    embedding: Codec | None,
+    space: SearchSpace,
+    *,
+    taken: IntArray,
+    first_id: int,
+    round: int,
+) -> Trials:
+    """The trials of a proposal: decoded; on a finite set, moved to the nearest free candidates.
 
     Args:
         proposal: of a method.
@@ -60,39 +52,56 @@ def realise(
         embedding: from codes to inputs; None when the inputs themselves are searched.
         space: the searched box.
         taken: candidate rows that must not be proposed again.
+        first_id: id of the first trial.
+        round: of all of them.
 
     Raises:
         ProblemError: the method chose rows of a candidate set that the problem does not have.
         TrialError: the embedding gave codes of another shape, or not finite.
     """
-    candidates = problem.candidates
-    rows = proposal.rows
-    if rows is not None:
-        if candidates is None:
-            raise ProblemError(f"rows were proposed, but {problem.name!r} has no candidate set")
-        x = candidates.inputs(rows)
-    else:
-        assert proposal.points is not None, "a proposal has points or rows"
-        z = space.to_code(proposal.points)
-        x = z if embedding is None else np.asarray(embedding.decode(z), float)
-        if candidates is None:
-            x, rows = np.clip(x, problem.bounds[0], problem.bounds[1]), np.full(len(x), -1)
-        else:
-            rows = candidates.nearest(x, taken)
-            x = candidates.inputs(rows)
+    x, codes, rows = _located(proposal, problem, embedding, space, taken)
     n = len(x)
     marked = np.zeros(n, bool) if proposal.marked_unsafe is None else np.asarray(proposal.marked_unsafe, bool)
-    length = np.broadcast_to(np.asarray(proposal.trust_region_length, float), (n,)).copy()
+    return Trials.pending(
+        x,
+        codes,
+        len(problem.safety),
+        first_id=first_id,
+        round=round,
+        candidate=np.asarray(rows, np.int64),
+        trust_region_length=np.broadcast_to(np.asarray(proposal.trust_region_length, float), (n,)).copy(),
+        marked_unsafe=marked,
+    )
+
+
+def _located(
+    proposal: Proposal, problem: Problem, embedding: Codec | None, space: SearchSpace, taken: IntArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Inputs (k, D), codes (k, d) and candidate rows (k,), -1 without a candidate set."""
+    candidates = problem.candidates
+    if proposal.rows is not None:
+        if candidates is None:
+            raise ProblemError(f"rows were proposed, but {problem.name!r} has no candidate set")
+        x = candidates.inputs(proposal.rows)
+        return x, encode(embedding, x), proposal.rows
+    assert proposal.points is not None, "a proposal has points or rows"
+    z = space.to_code(proposal.points)
+    x = z if embedding is None else np.asarray(embedding.decode(z), float)
+    if candidates is not None:
+        rows = candidates.nearest(x, taken)
+        x = candidates.inputs(rows)
+        return x, encode(embedding, x), rows
+    x, rows = np.clip(x, problem.bounds[0], problem.bounds[1]), np.full(len(x), -1)
     codes = encode(embedding, x)
-    if candidates is None and embedding is not None:
+    if embedding is not None:
         # An autoencoder's encoder does not undo its decoder, and the outcome is a function of the code that
-        # was decoded. Where it does undo it, its code is taken, which `observe` would give the same input.
-        # Where the input was moved, it is no image of the code at all, and is encoded.
-        encoded = np.asarray(np.isclose(codes, z).all(axis=1))
+        # was decoded. Where it does undo it, up to rounding, its code is taken, which `observe` would give
+        # the same input. Where the input was moved, it is no image of the code at all, and is encoded.
+        encoded = (np.abs(codes - z) <= _ROUNDING * space.unit).all(axis=1)
         if isinstance(embedding, MovingCodec):
             encoded |= embedding.moved(z)
         codes = np.where(encoded[:, None], codes, z)
-    return Realised(x, codes, np.asarray(rows, np.int64), length, marked)
+    return x, codes, rows
 
 
 def encode(embedding: Codec | None, x: FloatArray, known: ArrayLike | None = None) -> FloatArray:
@@ -120,15 +129,7 @@ def encode(embedding: Codec | None, x: FloatArray, known: ArrayLike | None = Non
 
 
 def candidates_left(problem: Problem, taken: IntArray) -> int:
-    """How many more points a problem can be asked for, given the candidate rows that are taken.
-
-    Raises:
-        TrialError: every candidate is taken.
-    """
+    """How many more points a problem can be asked for, given the candidate rows that are taken."""
     if problem.candidates is None:
         return int(np.iinfo(np.int64).max)
-    total = len(problem.candidates)
-    left = total - len(taken)
-    if left == 0:
-        raise TrialError(f"all {total} candidates of {problem.name!r} have been proposed or tried")
-    return left
+    return len(problem.candidates) - len(taken)

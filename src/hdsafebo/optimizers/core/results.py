@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import TrialError
+from hdsafebo.gp.surrogate import apply_transform
+from hdsafebo.optimizers.core.numbers import as_columns, as_integers, as_numbers, check_same_labels
 from hdsafebo.problem import Problem
 from hdsafebo.trials import Status
 from hdsafebo.typing import FloatArray, IntArray
@@ -31,15 +33,18 @@ def check_results(
         problem: whose safety functions the columns are.
         n: number of trials.
         objective: (n,) values; ignored where the trial failed.
-        safety: (n, m) values, or (n,) when the problem has one safety function.
+        safety: (n, m) values, or (n,) when the problem has one safety function; or a table (DataFrame,
+            mapping) with one column for each safety function, by name.
         status: (n,) `Status.COMPLETED` or `Status.FAILED`, or one for all; None means completed.
 
     Raises:
-        TrialError: a wrong shape, a value that is no finite number, or a status that is no result.
+        TrialError: a wrong shape, a value that is no finite number, a status that is no result, or a value
+            that its safety function's transform does not keep on its side of the threshold.
     """
     names = [s.name for s in problem.safety]
-    y = _numbers(objective, "objective")
-    g = _numbers(safety, "safety")
+    check_same_labels(objective=objective, safety=safety, status=status)
+    y = as_numbers(objective, "objective")
+    g = as_columns(safety, names, "safety")
     if g.ndim <= 1 and len(names) == 1:
         g = g.reshape(-1, 1)
     if y.ndim == 0:
@@ -55,6 +60,7 @@ def check_results(
     _check_finite("objective", y, completed)
     for j, name in enumerate(names):
         _check_finite(f"safety {name!r}", g[:, j], completed)
+    _check_transforms(problem, g[completed])
     return Results(np.where(completed, y, np.nan), np.where(completed[:, None], g, np.nan), states)
 
 
@@ -64,7 +70,7 @@ def check_points(name: str, points: ArrayLike, columns: int) -> FloatArray:
     Raises:
         TrialError: another shape, or a value that is no finite number.
     """
-    table = _numbers(points, name)
+    table = as_numbers(points, name)
     if table.ndim != 2 or table.shape[1] != columns:
         raise TrialError(f"{name} has shape {table.shape}; expected (n, {columns})")
     bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
@@ -75,51 +81,52 @@ def check_points(name: str, points: ArrayLike, columns: int) -> FloatArray:
     return table
 
 
-def check_rows(problem: Problem, candidate: ArrayLike | None, n: int) -> IntArray:
+def check_rows(problem: Problem, candidate: ArrayLike | None, points: FloatArray) -> IntArray:
     """(n,) rows of the problem's candidate set, -1 for inputs that are not in it; None means none is.
 
+    Args:
+        problem: whose candidates are meant.
+        candidate: (n,) the rows.
+        points: (n, D) inputs, which must be those of the rows.
+
     Raises:
-        TrialError: another shape or type, or a row that does not exist.
+        TrialError: another shape or type, a row that does not exist, or one with another input.
     """
+    n = len(points)
     total = 0 if problem.candidates is None else len(problem.candidates)
-    rows = np.full(n, -1) if candidate is None else _integers(candidate, "candidate")
+    rows = np.full(n, -1) if candidate is None else as_integers(candidate, "candidate")
     if rows.shape != (n,) or not np.issubdtype(rows.dtype, np.integer):
         raise TrialError(
             f"candidate has shape {rows.shape} and type {rows.dtype}; expected ({n},) whole numbers"
         )
     if n and (rows.min() < -1 or rows.max() >= total):
         raise TrialError(f"candidate holds {rows.min()} to {rows.max()}; expected -1 to {total - 1}")
-    return rows.astype(np.int64)
+    rows = rows.astype(np.int64)
+    known = np.flatnonzero(rows >= 0)
+    if len(known):
+        assert problem.candidates is not None, "without a set the only row is -1"
+        expected = problem.candidates.inputs(rows[known])
+        other = known[~same_points(points[known], expected)]
+        if len(other):
+            raise TrialError(
+                f"inputs number {other.tolist()[:10]} differ from those of their candidate rows "
+                f"{rows[other].tolist()[:10]}; expected the row's own input, or -1"
+            )
+    return rows
 
 
-def _numbers(values: ArrayLike, name: str) -> FloatArray:
-    """As floats, where that is no guess: text, dates, complex and masked values are refused."""
-    try:
-        given = np.asanyarray(values)
-        if given.size and (given.dtype.kind not in "biufO" or np.ma.is_masked(given)):
-            what = "masked values" if np.ma.is_masked(given) else f"type {given.dtype}"
-            raise TrialError(f"{name} is not an array of numbers: it has {what}")
-        return np.array(given, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise TrialError(f"{name} is not an array of numbers: {error}") from None
-
-
-def _integers(values: ArrayLike, name: str) -> NDArray:
-    """As an array of whole numbers or of nothing."""
-    try:
-        given = np.asarray(values)
-    except ValueError:
-        raise TrialError(f"{name} has rows of different lengths") from None
-    if given.size and given.dtype.kind not in "iu":
-        raise TrialError(f"{name} is {str(values)[:80]}, type {given.dtype}; expected whole numbers")
-    return given
+def same_points(a: FloatArray, b: FloatArray) -> NDArray[np.bool_]:
+    """(n,) True where rows of two tables agree, up to what another computer makes of the same calculation."""
+    if a.shape != b.shape:
+        return np.zeros(len(a), bool)
+    return np.asarray(np.isclose(a, b, rtol=1e-6, atol=1e-9).all(axis=1))
 
 
 def _states(status: ArrayLike | None, n: int) -> NDArray[np.uint8]:
     if status is None:
         return np.full(n, Status.COMPLETED, np.uint8)
     try:
-        given = np.broadcast_to(_integers(status, "status"), (n,))
+        given = np.broadcast_to(as_integers(status, "status"), (n,))
     except ValueError:
         raise TrialError(f"status has shape {np.shape(status)}; expected ({n},)") from None
     if not np.isin(given, [Status.COMPLETED, Status.FAILED]).all():
@@ -137,3 +144,26 @@ def _check_finite(name: str, values: FloatArray, completed: NDArray[np.bool_]) -
             f"{name} is {values[bad[0]]} for trial number {bad[0]} of those told; expected a finite number "
             f"(report an evaluation that gave no result with status={Status.FAILED.value})"
         )
+
+
+def _check_transforms(problem: Problem, safety: FloatArray) -> None:
+    """A transformed value must be safe exactly where the value is, and finite."""
+    for j, function in enumerate(problem.safety):
+        if function.transform is None or not function.modelled:
+            continue
+        with np.errstate(all="ignore"):
+            shown = apply_transform(function.transform, safety[:, j])
+            threshold = apply_transform(function.transform, np.array([function.threshold]))[0]
+        if shown.shape != (len(safety),):
+            raise TrialError(
+                f"transform of safety {function.name!r} gave shape {shown.shape} for {len(safety)} values"
+            )
+        kept = (shown >= threshold) == (safety[:, j] >= function.threshold)
+        kept |= np.isclose(shown, threshold, rtol=1e-9, atol=0.0)  # rounding of values next to the threshold
+        bad = np.flatnonzero(~np.isfinite(shown) | ~kept)
+        if len(bad):
+            raise TrialError(
+                f"transform of safety {function.name!r} makes {shown[bad[0]]} of the value "
+                f"{safety[bad[0], j]} and {threshold} of the threshold {function.threshold}; expected an "
+                "increasing function, finite for every value that is told"
+            )

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.gp.sampling import SamplePaths
-from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
-from hdsafebo.optimizers.local.base import RegionSearch
+from hdsafebo.optimizers.local.base import RegionSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.caution import Caution
 from hdsafebo.search.ascent import Metric, ValueAndGradient, ascend
 from hdsafebo.search.region import TrustRegionRule
@@ -62,7 +62,7 @@ class AscentSearch(RegionSearch):
     )
     rate = 3.0
 
-    def __init__(self, optimizer: Optimizer, metric: Metric) -> None:
+    def __init__(self, optimizer: SearchingOptimizer, metric: Metric) -> None:
         super().__init__(optimizer)
         self.metric = metric
         self.caution = Caution()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hdsafebo.gp.fit import NoisePrior
 from hdsafebo.gp.surrogate import Surrogate
 from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.search.region import IMPROVEMENT, TrustRegion, TrustRegionRule, safe_update
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray, IntArray
@@ -29,7 +30,7 @@ class LocalSearch(ABC):
 
     noise_prior: NoisePrior = NoisePrior()
 
-    def __init__(self, optimizer: Optimizer) -> None:
+    def __init__(self, optimizer: SearchingOptimizer) -> None:
         self.optimizer = optimizer
 
     @abstractmethod
@@ -106,7 +107,7 @@ class RegionSearch(LocalSearch):
 
     rule: TrustRegionRule
 
-    def __init__(self, optimizer: Optimizer) -> None:
+    def __init__(self, optimizer: SearchingOptimizer) -> None:
         super().__init__(optimizer)
         self.since = 0
         self.region = TrustRegion(self.rule.initial)
@@ -153,6 +154,7 @@ CENTRES = 100
 class SearchingOptimizer(Optimizer):
     """An optimiser that leaves choosing, and what the model sees, to a search."""
 
+    settings: SafeSetSettings
     _search: LocalSearch | None = None
 
     @abstractmethod

@@ -18,8 +18,9 @@ import numpy as np
 
 from hdsafebo.gp.fit import NoisePrior
 from hdsafebo.gp.outcomes import normal_scores
-from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.local.ascents import EXPLOIT, AscentSearch
+from hdsafebo.optimizers.local.base import SearchingOptimizer
 from hdsafebo.optimizers.local.recombination import recombined, safe_steps
 from hdsafebo.search.ascent import Metric
 from hdsafebo.typing import FloatArray, IntArray
@@ -44,7 +45,7 @@ class HiddenSearch(AscentSearch):
     # lucky trial are believed safe that are not.
     noise_prior = NoisePrior(mode=0.1, spread=1.0, least=1 / 30, first=(0.05, 0.1, 0.4))
 
-    def __init__(self, optimizer: Optimizer, metric: Metric) -> None:
+    def __init__(self, optimizer: SearchingOptimizer, metric: Metric) -> None:
         super().__init__(optimizer, metric)
         self._many = optimizer.space.dimension >= _MANY
         if self._many:

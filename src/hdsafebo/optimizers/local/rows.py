@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from hdsafebo.gp.sampling import thompson_sample
-from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
-from hdsafebo.optimizers.local.base import CENTRES, RegionSearch
+from hdsafebo.optimizers.local.base import CENTRES, RegionSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.row_regions import rows_near, separate_centres
 from hdsafebo.search.region import TrustRegionRule
 from hdsafebo.trials import Trials
@@ -32,7 +32,7 @@ class RowSearch(RegionSearch):
     # A posterior sample of some thousand rows takes milliseconds.
     rule = TrustRegionRule(initial=4000, least=500, most=16_000, successes=2, failures=3)
 
-    def __init__(self, optimizer: Optimizer) -> None:
+    def __init__(self, optimizer: SearchingOptimizer) -> None:
         super().__init__(optimizer)
         candidates = optimizer.problem.candidates
         assert candidates is not None, "the problem has a candidate set"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict
 
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import SafeSetSettings
 
 
 class RestartSettings(BaseModel):
@@ -20,7 +20,7 @@ class RestartSettings(BaseModel):
     beta: float | None = None
 
 
-class HdSafeBOLocalSettings(OptimizerSettings):
+class HdSafeBOLocalSettings(SafeSetSettings):
     """Settings of the local method.
 
     Attributes:

@@ -36,7 +36,6 @@ from hdsafebo.trials import Status, Trials
 
 _DECISIONS = ("approved", "modified", "refused")
 _EXPIRING = ("suggested", "manual", "target_switched", "stopped")
-_PROPOSALS = 10  # tried for one that is still believed safe after it was moved to what can be evaluated
 
 
 @dataclass(frozen=True)
@@ -148,17 +147,7 @@ class Advisor:
         forbidden = np.concatenate([self.search.restrict(self.state.last_point), self._declined()])
         nothing = np.empty((len(forbidden), 0))
         elsewhere = Trials.pending(nothing, nothing, 1, candidate=forbidden)
-        for _ in range(_PROPOSALS):
-            trials = optimiser.ask(1, pending=elsewhere)
-            if len(trials) == 0:
-                break
-            inputs = optimiser.kernel_inputs(trials)
-            if (
-                trials.marked_unsafe[0]
-                or optimiser.surrogate.believed_safe(inputs, optimiser.settings.confidence)[0]
-            ):
-                return trials
-        raise NoSafePointError(f"{optimiser.name} believes nothing safe that the limits permit now")
+        return optimiser.ask(1, pending=elsewhere)
 
     def withdraw(self) -> None:
         """Take the last `advise` back."""

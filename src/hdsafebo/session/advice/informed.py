@@ -8,7 +8,8 @@ import numpy as np
 
 from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.base import Optimizer
-from hdsafebo.session.advice.methods import make_method
+from hdsafebo.optimizers.settings import SafeSetSettings
+from hdsafebo.session.advice.methods import make_method, session_method
 from hdsafebo.session.advice.search import Search
 from hdsafebo.session.definition import Definition
 from hdsafebo.session.log.state import Trial
@@ -37,7 +38,7 @@ def informed_optimiser(
         today: number of the present day.
 
     Raises:
-        ParamsError: the method models no safety.
+        ParamsError: the method has no safe set.
     """
     optimiser = new_optimiser(definition, search, target, seed)
     known = [t for t in trials if t.status != "running" and t.delivered]
@@ -67,7 +68,10 @@ def _codes_of(x: FloatArray, trials: Trials) -> FloatArray:
 
 def new_optimiser(definition: Definition, search: Search, target: str, seed: int) -> Optimizer:
     """An optimiser that knows nothing yet; see `informed_optimiser`."""
-    optimiser = make_method(
+    kind, _ = session_method(definition.method.name)
+    if not issubclass(kind.Settings, SafeSetSettings):
+        raise ParamsError(f"method.name: {definition.method.name!r} has no safe set; expected one that has")
+    return make_method(
         definition.method.name,
         search.problem(target),
         embedding=search.embedding,
@@ -75,11 +79,6 @@ def new_optimiser(definition: Definition, search: Search, target: str, seed: int
         seed=seed,
         **({"empty_safe_set": "abstain"} | dict(definition.method.settings)),
     )
-    if not optimiser.consults_model:
-        raise ParamsError(
-            f"method.name: {definition.method.name!r} has no model of safety; expected one that has"
-        )
-    return optimiser
 
 
 def kernel_inputs(optimiser: Optimizer, search: Search, trials: Sequence[Trial]) -> FloatArray:

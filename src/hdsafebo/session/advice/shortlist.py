@@ -27,10 +27,10 @@ from pydantic import Field
 
 from hdsafebo.errors import ProblemError
 from hdsafebo.gp.sampling import thompson_sample
-from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
 from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
-from hdsafebo.optimizers.settings import OptimizerSettings
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.session.advice.days import fit_days
 from hdsafebo.session.advice.repetition import top_two
 from hdsafebo.session.advice.search import SessionProblem
@@ -41,7 +41,7 @@ from hdsafebo.typing import FloatArray, IntArray
 _CHECKED = 4  # how many times the shortlist's length is checked for safety, best first
 
 
-class ShortlistSettings(OptimizerSettings):
+class ShortlistSettings(SafeSetSettings):
     """Settings.
 
     Attributes:
@@ -81,7 +81,7 @@ class ShortlistSearch(LocalSearch):
         scale: on which outcomes are modelled.
     """
 
-    def __init__(self, optimizer: Optimizer) -> None:
+    def __init__(self, optimizer: SearchingOptimizer) -> None:
         super().__init__(optimizer)
         problem, settings = optimizer.problem, optimizer.settings
         if not isinstance(problem, SessionProblem) or not isinstance(problem.candidates, FiniteSet):

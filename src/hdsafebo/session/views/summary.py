@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hdsafebo.gp.safe_set import alpha_of, beta_of
+from hdsafebo.gp.safe_set import alpha_of
+from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.session.log.state import Suggestion, Trial
 from hdsafebo.session.session import DISCLAIMER, Session
 
@@ -83,7 +84,8 @@ def promised(session: Session) -> dict[str, float]:
 
     kind, fixed = session_method(session.definition.method.name)
     settings = kind.Settings.model_validate({**fixed, **session.definition.method.settings})
-    beta = settings.beta if settings.alpha is None else beta_of(settings.alpha)
+    assert isinstance(settings, SafeSetSettings), "a session's method has a safe set"
+    beta = settings.confidence
     return {"beta": beta, "alpha": alpha_of(beta)}
 
 
