@@ -437,7 +437,7 @@ class Optimizer(ABC):
 
     @property
     def certified_points(self) -> int | None:
-        """Points of its own discretisation that the method certified, at most in any round; None without one."""
+        """Most points of its own discretisation that the method certified in a round; None without one."""
         return None
 
     @property

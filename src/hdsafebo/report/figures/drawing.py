@@ -149,8 +149,7 @@ def _picture(file: str, cell: _Cell, width: float, height: float) -> Picture:
 
 
 def _hover(cell: _Cell, width: float, height: float) -> dict[str, Any] | None:
-    """Place of the axes in the panel, as shares of it, and the values of its lines, for the script of the "
-    "page."""
+    """For the script of the page: place of the axes as shares of the panel, and the values of its lines."""
     if not cell.panel.lines:
         return None
     box = cell.axes.get_position()
