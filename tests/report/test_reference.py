@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from hdsafebo.report.build import build_report
 from hdsafebo.report.data.evidence import rounded
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.report.data.results import Settings
+from hdsafebo.report.readme import BEGIN, END, results_markdown, update_readme
 from hdsafebo.report.reference import COSTS, keep_reference, report_from
 from hdsafebo.runs.read import read_run
 from report.full_size import write_inputs
@@ -160,3 +162,30 @@ def test_the_document_of_departures_is_the_list(
 ) -> None:
     main(["departures"])
     assert (project_root / "docs/departures.md").read_text(encoding="utf-8") == capsys.readouterr().out
+
+
+def test_the_readme_is_written_from_the_evidence(project: Path) -> None:
+    readme = project / "README.md"
+    readme.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    update_readme(readme, reference(project))
+    text = readme.read_text()
+    assert text.startswith(f"before\n{BEGIN}\nProfile `smoke`")
+    assert text.endswith(f"{END}\nafter\n")
+    assert "old" not in text
+    summary = json.loads((reference(project) / "summary.json").read_text())
+    mean = summary["synthetic"]["sobol"]["violation"]["mean"]
+    (row,) = re.findall(r"\| Sobol search \(`sobol`\) \|([^\n]*)\| 2 \|", text[: text.index("**Musc")])
+    assert float(row.split("|")[2].split("±")[0]) == pytest.approx(mean, rel=0.1)
+    readme.write_text("no marks")
+    with pytest.raises(DatasetError, match="expected the mark"):
+        update_readme(readme, reference(project))
+
+
+def test_the_readme_has_the_numbers_of_the_committed_evidence(project_root: Path) -> None:
+    text = (project_root / "README.md").read_text(encoding="utf-8")
+    written = text[text.index(BEGIN) + len(BEGIN) + 1 : text.index(END)]
+    if (project_root / "reports/reference/runs").is_dir():
+        assert written == results_markdown(project_root / "reports/reference")
+    else:
+        assert "of an earlier comparison" in written
+        assert not re.search(r"\d ± \d", written)

@@ -15,13 +15,17 @@ from hdsafebo.report.build import build_report
 from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS, keep_evidence, read_provenance
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.report.data.results import Settings
+from hdsafebo.report.readme import update_readme
 
 COSTS = ".journal/stage_costs.jsonl"
+README = "README.md"
 REBUILT = ("tables", "curves", "figures")
 
 
 def keep_reference(root: Path) -> Path:
-    """Keep the evidence of the project's runs, build its report from it, and list the costs of the stages.
+    """Keep the evidence of the project's runs, and write its report and the results in README.md from it.
+
+    The costs of the stages are kept beside it.
 
     Args:
         root: the project's directory, in which the pipeline has finished.
@@ -37,6 +41,8 @@ def keep_reference(root: Path) -> Path:
     for name in REBUILT:
         shutil.rmtree(folder / name, ignore_errors=True)
     report_from(folder, folder)
+    if (root / README).is_file():
+        update_readme(root / README, folder)
     costs = stage_costs(root / COSTS, load_params(folder / PARAMS).profile)
     write_json(folder / "stage_costs.json", costs, DatasetError)
     return folder
