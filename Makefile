@@ -3,10 +3,17 @@ PYTHON ?= python3
 PROFILE ?=
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.lock-$(shell cat requirements.lock pyproject.toml | $(PYTHON) -c "import hashlib,sys;print(hashlib.sha256(sys.stdin.buffer.read()).hexdigest()[:16])")
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+LOCKS := requirements.lock requirements-cuda.lock
+STAMP := $(VENV)/.lock-$(shell cat $(LOCKS) pyproject.toml | $(PYTHON) -c "import hashlib,sys;print(hashlib.sha256(sys.stdin.buffer.read()).hexdigest()[:16])")
 export DVC_NO_ANALYTICS := 1
 export MLFLOW_DISABLE_TELEMETRY := true
 export PATH := $(CURDIR)/$(BIN):$(PATH)
+# All that stages write, as dvc.yaml names it (tested): `make clean` removes this and no more.
+OUTPUTS := data/code data/policies data/rollouts data/runs data/spinal data/synergies \
+	models/digits models/embeddings models/sac models/synergies \
+	reports/curves reports/figures reports/tables reports/index.html reports/summary.json \
+	reports/isometry.json reports/isometry_pairs.parquet
 .DEFAULT_GOAL := help
 
 $(STAMP):
@@ -14,9 +21,10 @@ $(STAMP):
 	@echo "building $(VENV) from requirements.lock"
 	@rm -f $(VENV)/.lock-*
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	$(PIP) --no-deps --require-hashes -r requirements.lock
+	@case "$$($(BIN)/python -c 'from importlib.metadata import version; print(version("torch"))')" in \
+		*+cpu) ;; *) $(PIP) --no-deps --require-hashes -r requirements-cuda.lock ;; esac
+	$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
 
 .PHONY: env repro test test-slow test-fast lint mlflow reference lock clean help
@@ -25,6 +33,7 @@ env: $(STAMP)  ## build the virtual environment .venv
 
 repro: $(STAMP)  ## run the pipeline; PROFILE=smoke|standard|reference|paper sets its size
 	$(if $(PROFILE),$(BIN)/hdsafebo profile $(PROFILE))
+	@git rev-parse --git-dir >/dev/null 2>&1 || $(BIN)/dvc config --local core.no_scm true
 	$(BIN)/dvc repro
 
 test: $(STAMP)  ## run the tests (fast ones, and one small run of the whole pipeline)
@@ -42,22 +51,22 @@ lint: $(STAMP)  ## ruff, mypy and the layer contracts
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
-mlflow: $(STAMP)  ## open the MLflow UI on the local store
-	$(BIN)/mlflow ui --backend-store-uri sqlite:///mlruns.db --host 127.0.0.1 --port 5000
+mlflow: $(STAMP)  ## open the MLflow UI on the local store, and print where its runs are
+	$(BIN)/hdsafebo mlflow
 
 reference: $(STAMP)  ## run the reference profile (hours, resumable) and refresh reports/reference
 	$(BIN)/hdsafebo profile reference
 	$(BIN)/dvc repro
 	$(BIN)/hdsafebo keep-reference
 
-lock: $(STAMP)  ## pin what is installed now into requirements.lock
-	$(BIN)/python -m pip freeze --exclude-editable | sed "s/^\(torch==[0-9.]*\)+cpu/\1/" > requirements.lock
+lock: $(STAMP)  ## pin all packages with their hashes, from pyproject.toml; UPGRADE=--upgrade takes the newest
+	$(PIP) uv
+	$(BIN)/python tools/lock.py $(UPGRADE)
 
-clean:  ## remove the environment, caches and outputs (the journal of runs stays)
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+clean:  ## remove the environment, caches and what the pipeline made; sessions and the journal of runs stay
+	rm -rf $(VENV) build dist $(wildcard .*_cache) .hypothesis src/*.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
-	rm -rf $(filter-out data/README.md data/mnist,$(wildcard data/*)) $(filter-out models/README.md,$(wildcard models/*))
-	rm -rf $(filter-out reports/README.md reports/reference,$(wildcard reports/*))
+	rm -rf $(OUTPUTS)
 
 help:  ## this text
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## ?/\1|/' | awk -F'|' '{printf "  make %-10s %s\n", $$1, $$2}'

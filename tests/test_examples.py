@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from report.run_files import trial_table, write_run
 
-from hdsafebo.pipeline.tracking import default_uri, track_stage
+from hdsafebo.pipeline.store import default_uri
+from hdsafebo.pipeline.tracking import track_stage
 from hdsafebo.report.data.metrics import per_seed
 from hdsafebo.runs.read import read_run
 from hdsafebo.trials import Status

@@ -55,6 +55,10 @@ def _parser() -> argparse.ArgumentParser:
     methods = commands.add_parser("methods", help="list the optimisers")
     methods.set_defaults(run=_methods)
 
+    mlflow = commands.add_parser("mlflow", help="open the MLflow UI on the local store of runs")
+    mlflow.add_argument("--port", type=int, default=5000, help="of the page (default: 5000)")
+    mlflow.set_defaults(run=_mlflow)
+
     add_session_parser(commands)
 
     report = commands.add_parser("report", help="build the report from kept evidence; no optimiser runs")
@@ -112,6 +116,20 @@ def _departures(arguments: argparse.Namespace) -> None:
     from hdsafebo.report.sections.departures import departures_markdown
 
     print(departures_markdown(), end="")
+
+
+def _mlflow(arguments: argparse.Namespace) -> None:
+    import os
+
+    from hdsafebo.pipeline.store import default_uri, experiments
+
+    # MLflow opens an experiment on its page for traces of language models unless the address says otherwise.
+    for name, number in experiments(arguments.root).items():
+        page = f"http://127.0.0.1:{arguments.port}/#/experiments/{number}?workflowType=machine_learning"
+        print(f"{name}: {page}", flush=True)
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    command = [sys.executable, "-m", "mlflow", "ui", "--host", "127.0.0.1", "--port", str(arguments.port)]
+    os.execv(sys.executable, [*command, "--backend-store-uri", default_uri(arguments.root)])
 
 
 def _keep_reference(arguments: argparse.Namespace) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Protocol, TypeVar
 
+_LOG = logging.getLogger(__name__)
 T = TypeVar("T")
 _PLAIN_INTERVAL_S = 15.0
 
@@ -87,11 +89,7 @@ def _lines(total: int, description: str) -> Iterator[Advance]:
             last = now
             eta = (now - start) / max(done, 1) * (total - done)
             suffix = f", {note}" if note else ""
-            print(
-                f"{description}: {done}/{total}, {now - start:.0f} s, eta {eta:.0f} s{suffix}",
-                file=sys.stderr,
-                flush=True,
-            )
+            _LOG.info("%s: %d/%d, %.0f s, eta %.0f s%s", description, done, total, now - start, eta, suffix)
 
     yield advance
-    print(f"{description}: {done}/{total} in {time.monotonic() - start:.1f} s", file=sys.stderr, flush=True)
+    _LOG.info("%s: %d/%d in %.1f s", description, done, total, time.monotonic() - start)

@@ -37,11 +37,11 @@ def test_every_worker_computes_with_one_thread(monkeypatch: pytest.MonkeyPatch) 
     assert os.environ["OMP_NUM_THREADS"] == "2"
 
 
-def test_a_job_whose_worker_died_is_done_again(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_job_whose_worker_died_is_done_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     paths = [str(tmp_path / "a"), str(tmp_path / "b")]
     found = results_of(jobs.die_once, paths[:1])
     assert set(found) == set(paths[:1])
-    assert "NOTICE: a worker process died" in capfd.readouterr().err
+    assert "NOTICE: a worker process died" in caplog.text
 
 
 def test_workers_that_die_again_are_an_error_and_no_hang() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hdsafebo.errors import ParamsError
-from hdsafebo.files.yaml import MAX_BYTES, read_mapping
+from hdsafebo.files.yaml import MAX_BYTES, read_mapping, write_mapping
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{after}: &{after} [{', '.join([f'*{before}'] * 9)}]\n"
@@ -84,3 +84,24 @@ def test_anchors_and_merged_keys_are_plain_data(tmp_path: Path) -> None:
         "base": {"a": 1, "b": [2.5, "x"]},
         "other": {"a": 3, "b": [2.5, "x"]},
     }
+
+
+def test_values_are_read_as_dvc_reads_them(tmp_path: Path) -> None:
+    """`dvc exp run -S a=0.00001` writes 1e-05 into the file, which YAML 1.1 takes for text."""
+    from dvc.utils.serialize import load_yaml, modify_yaml
+
+    path = tmp_path / "params.yaml"
+    path.write_text("a: 1\nb: [no, on, 010, 12:30, 0o14, .5, 1e3]\n")
+    with modify_yaml(path) as data:
+        data["a"] = 0.00001
+    assert "1e-05" in path.read_text()
+    assert read_mapping(path, ParamsError) == load_yaml(path)
+    assert read_mapping(path, ParamsError) == {"a": 1e-05, "b": ["no", "on", 10, "12:30", 12, 0.5, 1000.0]}
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    data = {"b": {"x": 1e-05, "w": [1, 2.5, "no", None, True]}, "a": "1e3"}
+    write_mapping(tmp_path / "a.yaml", data, ParamsError)
+    again = read_mapping(tmp_path / "a.yaml", ParamsError)
+    assert again == data
+    assert list(again) == ["b", "a"], "keys keep their order"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import datetime
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,16 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hdsafebo.cli import main
 from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import read_mapping, write_mapping
 from hdsafebo.pipeline.checked_params import load_checked_params, parse_checked_params
 
 ROOT = Path(__file__).parents[2]
-STANDARD = yaml.safe_load((ROOT / "profiles" / "standard.yaml").read_text())
+STANDARD = read_mapping(ROOT / "profiles" / "standard.yaml", ParamsError)
 Key = str | int
 Place = tuple[Key, ...]
 Edit = tuple[str, Place, Any]
@@ -92,10 +93,6 @@ def edited(edits: list[Edit]) -> dict[str, Any]:
     return data
 
 
-def dumped(data: Any) -> str:
-    return yaml.dump(data, Dumper=yaml.CSafeDumper, allow_unicode=True, sort_keys=False)
-
-
 def names_the_edit(message: str, edit: Edit) -> bool:
     """The key, its block, or a key of what was put in: a rule over several keys is reported by its block."""
     _, place, value = edit
@@ -104,14 +101,14 @@ def names_the_edit(message: str, edit: Edit) -> bool:
     return any(key in message for key in [*keys[-2:], str(value), *within])
 
 
-def check(path: Path, text: str, edits: list[Edit], *, through_file: bool) -> bool:
+def check(path: Path, data: Any, edits: list[Edit], *, through_file: bool) -> bool:
     """Whether parameters are taken; fails unless they are then stable, or refused as they should be."""
     try:
         if through_file:
-            path.write_text(text, encoding="utf-8")
+            write_mapping(path, data, ParamsError)
             params = load_checked_params(path)
-        else:  # the same reading, but for the time that PyYAML's own parser takes
-            params = parse_checked_params(yaml.load(text, yaml.CSafeLoader), source=str(path))
+        else:  # the same, but for the time that parsing the text takes
+            params = parse_checked_params(data, source=str(path))
     except ParamsError as error:
         message = str(error)
         assert message.startswith(str(path))
@@ -119,7 +116,7 @@ def check(path: Path, text: str, edits: list[Edit], *, through_file: bool) -> bo
         assert len(edits) != 1 or names_the_edit(message, edits[0]), message
         return False
     plain = params.model_dump(mode="json")
-    assert parse_checked_params(yaml.load(dumped(plain), yaml.CSafeLoader)) == params
+    assert parse_checked_params(json.loads(json.dumps(plain))) == params
     return True
 
 
@@ -135,8 +132,7 @@ def mutate(path: Path, examples: int, *, derandomize: bool) -> list[bool]:
     )
     @given(st.lists(EDITS, min_size=1, max_size=3))
     def try_one(edits: list[Edit]) -> None:
-        text = dumped(edited(edits))
-        taken.append(check(path, text, edits, through_file=len(taken) % 5 == 0))
+        taken.append(check(path, edited(edits), edits, through_file=len(taken) % 5 == 0))
 
     try_one()
     return taken
@@ -209,7 +205,7 @@ def test_edited_lines_through_the_command_line(tmp_path: Path, capsys: pytest.Ca
 
 def test_a_real_process_ends_with_code_2_and_no_traceback(tmp_path: Path) -> None:
     path = tmp_path / "params.yaml"
-    path.write_text(dumped(edited([("set", ("tasks", "hand", "budget", "batch"), "ten")])))
+    write_mapping(path, edited([("set", ("tasks", "hand", "budget", "batch"), "ten")]), ParamsError)
     command = [sys.executable, "-m", "hdsafebo.cli", "check-params", str(path)]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 2

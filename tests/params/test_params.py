@@ -7,21 +7,22 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 
 from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import parse_mapping, read_mapping, write_mapping
 from hdsafebo.pipeline.checked_params import load_checked_params, parse_checked_params
 from hdsafebo.pipeline.profiles import profile_names, profile_text
 
 
 @pytest.fixture
 def standard(project_root: Path) -> dict:
-    return yaml.safe_load((project_root / "profiles" / "standard.yaml").read_text())
+    return read_mapping(project_root / "profiles" / "standard.yaml", ParamsError)
 
 
 def test_every_profile_is_valid(project_root: Path) -> None:
     for name in profile_names(project_root):
-        assert parse_checked_params(yaml.safe_load(profile_text(project_root, name))).profile == name
+        data = parse_mapping(profile_text(project_root, name), name, ParamsError)
+        assert parse_checked_params(data).profile == name
 
 
 def test_params_are_frozen(standard: dict) -> None:
@@ -100,7 +101,7 @@ def test_a_stage_refuses_bad_params_without_a_traceback(
     project_root: Path, tmp_path: Path, standard: dict
 ) -> None:
     path = tmp_path / "params.yaml"
-    path.write_text(yaml.safe_dump(set_key(standard, "tasks.synthetic.budget.batch", -1)))
+    write_mapping(path, set_key(standard, "tasks.synthetic.budget.batch", -1), ParamsError)
     result = subprocess.run(
         [sys.executable, str(project_root / "stages" / "solve_lead_field.py"), "--root", str(tmp_path)],
         capture_output=True,

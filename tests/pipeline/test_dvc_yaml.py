@@ -8,18 +8,19 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import read_mapping
 from hdsafebo.optimizers.registry import method_names
 from hdsafebo.pipeline.checked_params import load_checked_params
 from hdsafebo.pipeline.code import CODE, code_files
 
-STAGES = sorted(yaml.safe_load((Path(__file__).parents[2] / "dvc.yaml").read_text())["stages"])
+STAGES = sorted(read_mapping(Path(__file__).parents[2] / "dvc.yaml", ParamsError)["stages"])
 
 
 @pytest.fixture(scope="module")
 def stages(project_root: Path) -> dict[str, dict]:
-    return yaml.safe_load((project_root / "dvc.yaml").read_text())["stages"]
+    return read_mapping(project_root / "dvc.yaml", ParamsError)["stages"]
 
 
 def script_of(stage: dict) -> str:

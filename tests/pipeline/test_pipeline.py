@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-import yaml
+
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import read_mapping, write_mapping
 
 COPIED = (
     "src",
@@ -72,7 +74,7 @@ def finished(project_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 
 def test_every_output_is_there(finished: Path) -> None:
-    for stage in yaml.safe_load((finished / "dvc.lock").read_text())["stages"].values():
+    for stage in read_mapping(finished / "dvc.lock", ParamsError)["stages"].values():
         for out in stage["outs"]:
             assert (finished / out["path"]).exists()
     summary = json.loads((finished / "reports" / "summary.json").read_text())
@@ -85,7 +87,7 @@ def test_every_output_is_there(finished: Path) -> None:
 
 
 def test_run_files_hold_what_the_params_ask_for(finished: Path) -> None:
-    params = yaml.safe_load((finished / "params.yaml").read_text())
+    params = read_mapping(finished / "params.yaml", ParamsError)
     budget = params["tasks"]["synthetic"]["budget"]
     for method in params["tasks"]["synthetic"]["methods"]:
         table = pq.read_table(finished / "data" / "runs" / f"synthetic-{method}.parquet").to_pandas()
@@ -120,6 +122,7 @@ def test_a_second_repro_runs_nothing(finished: Path) -> None:
             "methods.sobol",
             {"unused": 1},
             {
+                "code",
                 "optimize_synthetic@sobol",
                 "optimize_hand@sobol",
                 "optimize_scs@scs_st-sobol",
@@ -135,14 +138,14 @@ def test_a_change_of_one_block_reruns_exactly_its_dependants(
 ) -> None:
     path = finished / "params.yaml"
     before = path.read_text()
-    data = yaml.safe_load(before)
+    data = read_mapping(path, ParamsError)
     block = data
     *parents, last = key.split(".")
     for name in parents:
         block = block[name]
     block[last] = value
     try:
-        path.write_text(yaml.safe_dump(data, sort_keys=False))
+        write_mapping(path, data, ParamsError)
         changed = changed_stages(finished)
     finally:
         path.write_text(before)

@@ -6,9 +6,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-import yaml
 
 from hdsafebo.errors import ParamsError, UnknownNameError
+from hdsafebo.files.yaml import read_mapping
 from hdsafebo.pipeline.profiles import apply_profile, profile_text
 
 
@@ -33,7 +33,7 @@ def test_committed_params_are_the_standard_profile(project_root: Path) -> None:
 def test_applying_twice_changes_nothing(copy: Path) -> None:
     assert apply_profile(copy, "smoke")
     assert not apply_profile(copy, "smoke")
-    assert yaml.safe_load((copy / "params.yaml").read_text())["profile"] == "smoke"
+    assert read_mapping(copy / "params.yaml", ParamsError)["profile"] == "smoke"
     assert apply_profile(copy, "standard")
 
 

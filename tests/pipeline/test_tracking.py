@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.server
 import shutil
 import subprocess
@@ -14,8 +15,10 @@ from pathlib import Path
 import pytest
 
 from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import parse_mapping
 from hdsafebo.pipeline.provenance import digest_paths, git_state, stage_dependencies
-from hdsafebo.pipeline.tracking import Tracker, default_uri, flatten, track_stage
+from hdsafebo.pipeline.store import Store, StoreError, default_uri, experiments, home_of
+from hdsafebo.pipeline.tracking import flatten, track_stage
 
 PARAMS = {"tasks": {"synthetic": {"budget": {"trials": 30}}}, "methods": {"sobol": {}}}
 # What the libraries below MLflow will stop to support is not ours to mend.
@@ -124,15 +127,20 @@ def test_a_failing_stage_is_a_failed_run(project: Path) -> None:
 def test_a_run_that_was_cut_ends_as_killed_when_its_stage_runs_again(project: Path) -> None:
     from mlflow.tracking import MlflowClient
 
-    for stage in ("fit_synergies", "solve_lead_field"):
-        cut = Tracker(stage, {}, project)
-        cut.log_metrics({"done": 0.5})  # and then the power fails
-    with track_stage("solve_lead_field", {}, project):
-        pass
+    code = (
+        "import os, sys; from pathlib import Path; from hdsafebo.pipeline.tracking import Tracker\n"
+        "for stage in ('fit_synergies', 'solve_lead_field'):\n"
+        f"    Tracker(stage, {{}}, Path({str(project)!r})).log_metrics({{'done': 0.5}})\n"
+        "os._exit(1)"  # and then the power fails
+    )
+    subprocess.run([sys.executable, "-c", code], check=False)
+    with track_stage("solve_lead_field", {}, project), track_stage("solve_lead_field", {}, project) as other:
+        other.log_metrics({"done": 1.0})  # side by side, as `dvc exp run --temp` may run them
     client = MlflowClient(tracking_uri=default_uri(project))
     runs = client.search_runs([client.get_experiment_by_name("pipeline").experiment_id])
     assert sorted((run.info.run_name, run.info.status) for run in runs) == [
-        ("fit_synergies", "RUNNING"), ("solve_lead_field", "FINISHED"), ("solve_lead_field", "KILLED"),
+        ("fit_synergies", "RUNNING"), ("solve_lead_field", "FINISHED"), ("solve_lead_field", "FINISHED"),
+        ("solve_lead_field", "KILLED"),
     ]  # fmt: skip
 
 
@@ -146,14 +154,26 @@ def test_refused_parameters_leave_no_run(project: Path) -> None:
 
 
 class Broken(http.server.BaseHTTPRequestHandler):
-    """Accepts requests and never answers them, or answers with an error."""
+    """Accepts requests, and answers with an error, never, a byte at a time, or that an hour should pass."""
 
-    hang = False
+    how = "errors"
 
     def do_GET(self) -> None:
-        if self.hang:
+        if self.how == "hangs":
             time.sleep(30)
-        self.send_error(500)
+        if self.how == "sends to wait":
+            self.send_response(429)
+            self.send_header("Retry-After", "3600")
+            self.end_headers()
+        elif self.how == "trickles":
+            self.send_response(200)
+            self.end_headers()
+            with contextlib.suppress(OSError):
+                for _ in range(100):
+                    self.wfile.write(b" ")
+                    time.sleep(0.5)
+        else:
+            self.send_error(500)
 
     do_POST = do_GET
 
@@ -161,12 +181,12 @@ class Broken(http.server.BaseHTTPRequestHandler):
         pass
 
 
-@pytest.fixture(params=["refuses", "errors", "hangs"])
+@pytest.fixture(params=["refuses", "errors", "hangs", "trickles", "sends to wait"])
 def broken_server(request: pytest.FixtureRequest) -> Iterator[str]:
     if request.param == "refuses":
         yield "http://user:secret@127.0.0.1:9"
         return
-    handler = type("Handler", (Broken,), {"hang": request.param == "hangs"})
+    handler = type("Handler", (Broken,), {"how": request.param})
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
     server.daemon_threads = True
     server.block_on_close = False
@@ -177,21 +197,106 @@ def broken_server(request: pytest.FixtureRequest) -> Iterator[str]:
 
 
 def test_a_broken_server_costs_one_notice_and_seconds(
-    project: Path, broken_server: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    project: Path, broken_server: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("MLFLOW_TRACKING_URI", broken_server)
+    monkeypatch.setattr("hdsafebo.pipeline.store._CALL_S", 15.0)
     start = time.monotonic()
     write_stage(project)
     assert time.monotonic() - start < 25
-    printed = capsys.readouterr().err
+    printed = caplog.text
     assert printed.count("NOTICE [optimize]: tracking is off for the rest of this stage") == 1
     assert "secret" not in printed
     assert not (project / "mlruns.db").exists()
 
 
+def test_a_slow_server_holds_a_stage_for_a_share_of_its_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
+    monkeypatch.setattr("hdsafebo.pipeline.store._PATIENCE_S", 0.5)
+    store = Store(tmp_path)
+    done = []
+
+    def answer_slowly() -> None:
+        time.sleep(0.1)
+        done.append(True)
+
+    def stage() -> None:
+        for _ in range(100):
+            store.call(answer_slowly)
+
+    with pytest.raises(StoreError, match="has not answered within"):
+        stage()
+    assert 1 <= len(done) <= 6
+
+
+def test_stages_that_start_at_once_share_a_new_store(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mlflow.tracking import MlflowClient
+
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    code = (
+        "import sys; from pathlib import Path; from hdsafebo.pipeline.tracking import track_stage\n"
+        f"with track_stage(sys.argv[1], {{}}, Path({str(project)!r})) as tracker:\n"
+        "    tracker.log_metrics({'a': 1.0})"
+    )
+    stages = [
+        subprocess.Popen([sys.executable, "-c", code, name], stderr=subprocess.PIPE, text=True)
+        for name in "abcd"
+    ]
+    assert not [text for stage in stages if "NOTICE" in (text := stage.communicate()[1])]
+    client = MlflowClient(tracking_uri=default_uri(project))
+    runs = client.search_runs([client.get_experiment_by_name("pipeline").experiment_id])
+    assert sorted((run.info.run_name, run.info.status) for run in runs) == [(n, "FINISHED") for n in "abcd"]
+    assert experiments(project)["pipeline"] == runs[0].info.experiment_id
+
+
+def test_a_stage_in_a_copy_of_the_project_is_tracked_in_the_project(
+    project: Path, empty_store: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`dvc exp run --temp` removes the copy afterwards."""
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    shutil.copy(empty_store, project / "mlruns.db")
+    copy = project / ".dvc" / "tmp" / "exps" / "tmp1"
+    shutil.copytree(project, copy, ignore=shutil.ignore_patterns("mlruns.db", ".dvc"))
+    assert home_of(copy) == copy, "not started by DVC"
+    monkeypatch.setenv("DVC_ROOT", str(project))
+    assert home_of(copy) == project
+    assert home_of(project) == project
+    with track_stage("solve_lead_field", {}, copy) as tracker:
+        tracker.log_artifact(copy / "params-free.txt")
+    assert not (copy / "mlruns.db").exists()
+    assert "pipeline" in experiments(project)
+    assert list((project / "mlartifacts").rglob("params-free.txt"))
+
+
+@pytest.mark.parametrize("name", ["a b#cü", "what?", "50%41"])
+def test_odd_names_of_folders(
+    tmp_path: Path,
+    empty_store: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    name: str,
+) -> None:
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    folder = tmp_path / name
+    folder.mkdir()
+    shutil.copy(empty_store, folder / "mlruns.db")
+    before = sorted(tmp_path.iterdir())
+    with track_stage("solve_lead_field", {}, folder):
+        pass
+    assert sorted(tmp_path.iterdir()) == before, "nothing is written outside"
+    if "?" in name or "%" in name:
+        assert "NOTICE [solve_lead_field]: tracking is off" in caplog.text
+        assert "set MLFLOW_TRACKING_URI" in caplog.text
+    else:
+        assert not caplog.text
+        assert "pipeline" in experiments(folder)
+
+
 @pytest.mark.usefixtures("local_store")
 def test_a_store_that_breaks_in_mid_stage_costs_one_notice(
-    project: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    project: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from mlflow.tracking import MlflowClient
 
@@ -200,7 +305,7 @@ def test_a_store_that_breaks_in_mid_stage_costs_one_notice(
         monkeypatch.setattr(MlflowClient, "log_batch", lambda *a, **k: 1 / 0)
         tracker.log_metrics({"b": 1.0})
         tracker.log_metrics({"c": 1.0})
-    printed = capsys.readouterr().err
+    printed = caplog.text
     assert printed.count("NOTICE") == 1
     assert "ZeroDivisionError" in printed
 
@@ -235,9 +340,9 @@ def test_provenance_follows_contents(project: Path) -> None:
 
 
 def test_dependencies_of_a_matrix_item() -> None:
-    import yaml
-
-    found = stage_dependencies(yaml.safe_load(DVC_FILE), "optimize", {"task": "hand", "method": "sobol"})
+    found = stage_dependencies(
+        parse_mapping(DVC_FILE, "dvc.yaml", ParamsError), "optimize", {"task": "hand", "method": "sobol"}
+    )
     assert found == ["params-free.txt", "data/hand.csv"]
     assert stage_dependencies({}, "optimize", {}) == []
 

@@ -88,11 +88,11 @@ def test_three_policies_are_drawn(script: ModuleType, stage: Stage) -> None:
 
 
 def test_without_a_renderer_a_notice_says_what_to_install(
-    script: ModuleType, stage: Stage, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    script: ModuleType, stage: Stage, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(render, "find_library", lambda name: None)
     script.main(stage)
-    assert "NOTICE [replay_policies]: no pictures of the best policies" in capsys.readouterr().err
+    assert "NOTICE [replay_policies]: no pictures of the best policies" in caplog.text
     content = policies(stage)
     assert "apt-get install libosmesa6" in content["missing"]
     assert [entry["picture"] for entry in content["policies"]] == [None] * 3

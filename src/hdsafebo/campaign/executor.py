@@ -6,6 +6,7 @@ run at once. Every job computes with one BLAS and one torch thread: sums in anot
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import sys
@@ -21,6 +22,7 @@ from hdsafebo.campaign.errors import CampaignError
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+_LOG = logging.getLogger(__name__)
 _POLL_S = 0.5
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -94,11 +96,10 @@ def _in_processes(
         if not lost:
             return
         if attempt == "first":
-            print(
-                f"NOTICE: a worker process died (killed, or out of memory); {len(lost)} unfinished runs "
-                "continue from their journals in new processes",
-                file=sys.stderr,
-                flush=True,
+            _LOG.warning(
+                "NOTICE: a worker process died (killed, or out of memory); %d unfinished runs continue from "
+                "their journals in new processes",
+                len(lost),
             )
     raise CampaignError(
         f"worker processes died twice (killed, or out of memory) with {len(lost)} runs unfinished; "

@@ -13,6 +13,7 @@ from hdsafebo.campaign.run_spec import RunSpec, budget_of, settings_of
 from hdsafebo.campaign.runner import RunResult, run
 from hdsafebo.errors import JournalError, ParamsError
 from hdsafebo.params import Params
+from hdsafebo.pipeline.store import home_of
 from hdsafebo.pipeline.tracking import Tracker
 from hdsafebo.problems.registry import family_of
 from hdsafebo.progress import progress
@@ -67,9 +68,10 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
             "profile": params.profile,
         },
     )
+    home = home_of(root)
     finished: dict[int, RunResult] = {}
     with (
-        _shared_directory(root) as directory,
+        _shared_directory(home) as directory,
         progress(len(seeds) * budget.trials, f"{task} {method}") as advance,
     ):
         watcher = ProgressWatcher(Path(directory), seeds, advance)
@@ -85,7 +87,7 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
                 curves.mean_curves(),
             )
 
-        specs = [RunSpec(task, method, seed, plain, str(root), directory) for seed in seeds]
+        specs = [RunSpec(task, method, seed, plain, str(root), directory, str(home)) for seed in seeds]
         execute(
             run, specs, on_result, watcher, workers=params.compute.workers, scheduler=params.compute.scheduler
         )
@@ -109,9 +111,9 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
     return results
 
 
-def _shared_directory(root: Path) -> tempfile.TemporaryDirectory[str]:
+def _shared_directory(home: Path) -> tempfile.TemporaryDirectory[str]:
     """A directory that the workers see too, for as long as the campaign lasts."""
-    parent = root / ".journal"
+    parent = home / ".journal"
     try:
         make_durable_directory(parent)
         return tempfile.TemporaryDirectory(prefix="progress-", dir=parent, ignore_cleanup_errors=True)

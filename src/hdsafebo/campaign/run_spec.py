@@ -42,8 +42,9 @@ class RunSpec:
         method: name of the method's block in the parameters.
         seed: of the problem, the initial trials and the method.
         params: the whole of `params.yaml` as plain data.
-        root: directory below which files of the task and the journal lie.
+        root: directory below which files of the task lie.
         progress: directory for signs of life, shared by the runs of a campaign.
+        home: directory below which the journal lies; None takes the root.
     """
 
     task: str
@@ -52,6 +53,7 @@ class RunSpec:
     params: Mapping[str, Any]
     root: str
     progress: str
+    home: str | None = None
 
     @property
     def name(self) -> str:
@@ -61,7 +63,7 @@ class RunSpec:
     @property
     def journal(self) -> Path:
         """Directory of all journals; no output of the pipeline, which deletes those before a stage runs."""
-        return Path(self.root) / ".journal"
+        return Path(self.home or self.root) / ".journal"
 
     def checked_params(self) -> Params:
         """The parameters as a model."""

@@ -27,6 +27,7 @@ def read_parquet(
     columns: Sequence[str] | None = None,
     *,
     max_cells: int = MAX_CELLS,
+    max_bytes: int = MAX_BYTES,
 ) -> pa.Table:
     """Columns of a parquet file, with the metadata of its schema.
 
@@ -36,6 +37,7 @@ def read_parquet(
         error: what is raised.
         columns: to read, numbers, truth values or text; None reads all.
         max_cells: largest number of rows times columns.
+        max_bytes: largest size when decompressed, and largest size of a column of texts.
 
     Raises:
         HdSafeBOError: as `error`: the file is no parquet or damaged, lacks a column, has nested ones, or
@@ -50,12 +52,12 @@ def read_parquet(
             schema = file.schema_arrow
             wanted = list(schema.names if columns is None else columns)
             _check_columns(schema, wanted, name, error)
-            _check_size(file, wanted, name, error, max_cells)
+            _check_size(file, wanted, name, error, max_cells, max_bytes)
             texts = [c for c in wanted if _is_text(schema.field(c).type)]
         with pq.ParquetFile(source, read_dictionary=texts) as file:
             table = file.read(columns=wanted)
         for text in texts:
-            column = _written_out(table[text], f"{name}: column {text}", error)
+            column = _written_out(table[text], f"{name}: column {text}", error, max_bytes)
             table = table.set_column(table.column_names.index(text), text, column)
         return table
     except (OSError, pa.ArrowException) as fault:
@@ -87,18 +89,25 @@ def _is_text(kind: pa.DataType) -> bool:
 
 
 def _check_size(
-    file: pq.ParquetFile, wanted: list[str], name: str, error: type[HdSafeBOError], max_cells: int
+    file: pq.ParquetFile,
+    wanted: list[str],
+    name: str,
+    error: type[HdSafeBOError],
+    max_cells: int,
+    max_bytes: int,
 ) -> None:
     cells = file.metadata.num_rows * len(wanted)
     if cells > max_cells:
         raise error(f"{name}: {cells} cells, expected at most {max_cells}")
     groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
     size = sum(group.total_byte_size for group in groups)
-    if size > MAX_BYTES:
-        raise error(f"{name}: {size} bytes when decompressed, expected at most {MAX_BYTES}")
+    if size > max_bytes:
+        raise error(f"{name}: {size} bytes when decompressed, expected at most {max_bytes}")
 
 
-def _written_out(column: pa.ChunkedArray, what: str, error: type[HdSafeBOError]) -> pa.ChunkedArray:
+def _written_out(
+    column: pa.ChunkedArray, what: str, error: type[HdSafeBOError], max_bytes: int
+) -> pa.ChunkedArray:
     """Text from a dictionary, if all of it has room."""
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -109,6 +118,6 @@ def _written_out(column: pa.ChunkedArray, what: str, error: type[HdSafeBOError])
     for chunk in column.chunks:
         lengths = pc.take(pc.binary_length(chunk.dictionary), chunk.indices)
         size += pc.sum(pc.cast(lengths, pa.int64())).as_py() or 0
-    if size > MAX_BYTES:
-        raise error(f"{what} holds {size} bytes of text, expected at most {MAX_BYTES}")
+    if size > max_bytes:
+        raise error(f"{what} holds {size} bytes of text, expected at most {max_bytes}")
     return column.cast(pa.string())

@@ -1,8 +1,9 @@
 """YAML files that a user edits: plain data, of bounded size, with every key once.
 
-PyYAML's safe loader constructs plain data only, but it takes the last of several equal keys in silence,
-lets a few lines of aliases stand for more data than a machine can hold, and fails as it happens to on
-values such as `!!bool maybe`.
+They are read as YAML 1.2 by the library that DVC uses too, so that a value which `dvc exp run -S` writes is
+read as DVC meant it: 1e-05 is a number, `no` is text. Its safe loader constructs plain data only, but a few
+lines of aliases may stand for more data than a machine can hold, and values such as `!!bool maybe` end in
+whatever error they happen to cause.
 """
 
 from __future__ import annotations
@@ -10,9 +11,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
+from ruamel.yaml import YAML
+from ruamel.yaml.constructor import ConstructorError, SafeConstructor
+from ruamel.yaml.error import YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from hdsafebo.errors import HdSafeBOError
+from hdsafebo.files.atomic import replacing
 
 MAX_BYTES = 2**18
 MAX_NODES = 100_000  # keys and values, each alias counted with all that it stands for
@@ -42,52 +47,79 @@ def read_mapping(path: Path, error: type[HdSafeBOError]) -> dict[str, Any]:
         raise error(f"{path}: {fault.strerror or fault}") from None
     except UnicodeDecodeError as fault:
         raise error(f"{path}: cannot be read as YAML: no UTF-8 text at byte {fault.start}") from None
+    return parse_mapping(text, str(path), error)
+
+
+def parse_mapping(text: str, source: str, error: type[HdSafeBOError]) -> dict[str, Any]:
+    """The mapping that YAML text holds; see `read_mapping`.
+
+    Args:
+        text: the YAML.
+        source: where it is from, for messages.
+        error: what is raised.
+
+    Raises:
+        HdSafeBOError: as `error`.
+    """
     try:
         data = _plain_data(text)
     except _Fault as fault:
-        raise error(f"{path}, {fault}") from None
-    except yaml.YAMLError as fault:
-        raise error(f"{path}: cannot be read as YAML: {' '.join(str(fault).split())[:300]}") from None
+        raise error(f"{source}, {fault}") from None
+    except YAMLError as fault:
+        raise error(f"{source}: cannot be read as YAML: {' '.join(str(fault).split())[:300]}") from None
     except RecursionError:
-        raise error(f"{path}: nested more than {MAX_DEPTH} levels deep") from None
+        raise error(f"{source}: nested more than {MAX_DEPTH} levels deep") from None
     if not isinstance(data, dict):
-        raise error(f"{path}: expected a mapping of keys to values, got {type(data).__name__}")
+        raise error(f"{source}: expected a mapping of keys to values, got {type(data).__name__}")
     return data
+
+
+def write_mapping(path: Path, data: dict[str, Any], error: type[HdSafeBOError]) -> None:
+    """Write plain data as YAML, its keys in their order.
+
+    Raises:
+        HdSafeBOError: as `error`: the file cannot be written.
+    """
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = False
+    yaml.sort_base_mapping_type_on_output = False
+    with replacing(path, error) as temporary, temporary.open("w", encoding="utf-8") as file:
+        yaml.dump(data, file)
 
 
 class _Fault(Exception):
     """What is wrong with a node of well-formed YAML; `key` is that of the mapping that holds the node."""
 
-    def __init__(self, node: yaml.Node, what: str, key: str | None) -> None:
+    def __init__(self, node: Node, what: str, key: str | None) -> None:
         place = f"line {node.start_mark.line + 1}"
         super().__init__(f"{place}: {what}" if key is None else f"{place}, key {key[:80]!r}: {what}")
 
 
 def _plain_data(text: str) -> Any:
-    loader = yaml.SafeLoader(text)
+    constructor, parser = YAML(typ="safe", pure=True).get_constructor_parser(text)
     try:
-        node = loader.get_single_node()
+        node = constructor.composer.get_single_node()
         if node is None:
             return None
-        _check(node, None, loader, {}, set())
-        return loader.construct_document(node)
+        _check(node, None, constructor, {}, set())
+        return constructor.construct_document(node)
     finally:
-        loader.dispose()
+        parser.dispose()
 
 
 def _check(
-    node: yaml.Node,
+    node: Node,
     key: str | None,
-    loader: yaml.SafeLoader,
-    sizes: dict[yaml.Node, int],
-    within: set[yaml.Node],
+    constructor: SafeConstructor,
+    sizes: dict[Node, int],
+    within: set[Node],
 ) -> int:
     """Number of keys and values that a node stands for, aliases written out.
 
     Args:
-        node: it.
+        node: its root.
         key: under which it stands; None at the top.
-        loader: constructs scalars.
+        constructor: of scalars.
         sizes: of the nodes that were checked before; an alias is the node that it stands for.
         within: the nodes that contain this one.
     """
@@ -99,8 +131,8 @@ def _check(
         return sizes[node]
     within.add(node)
     size = 1
-    for name, part in _parts(node, key, loader):
-        size += _check(part, name, loader, sizes, within)
+    for name, part in _parts(node, key, constructor):
+        size += _check(part, name, constructor, sizes, within)
         if size > MAX_NODES:
             raise _Fault(node, f"more than {MAX_NODES} keys and values, expected fewer", key)
     within.remove(node)
@@ -108,16 +140,16 @@ def _check(
     return size
 
 
-def _parts(node: yaml.Node, key: str | None, loader: yaml.SafeLoader) -> list[tuple[str | None, yaml.Node]]:
+def _parts(node: Node, key: str | None, constructor: SafeConstructor) -> list[tuple[str | None, Node]]:
     """Keys and values of a mapping, items of a sequence, nothing of a scalar, each with its own key."""
-    if isinstance(node, yaml.SequenceNode):
+    if isinstance(node, SequenceNode):
         return [(key, item) for item in node.value]
-    if not isinstance(node, yaml.MappingNode):
-        _check_scalar(node, key, loader)
+    if not isinstance(node, MappingNode):
+        _check_scalar(node, key, constructor)
         return []
     seen: set[str] = set()
     for name, _ in node.value:
-        if not isinstance(name, yaml.ScalarNode):
+        if not isinstance(name, ScalarNode):
             raise _Fault(name, "a list or mapping in the place of a key", key)
         if name.value in seen:
             raise _Fault(name, f"the key {name.value[:80]!r} appears twice", key)
@@ -125,17 +157,20 @@ def _parts(node: yaml.Node, key: str | None, loader: yaml.SafeLoader) -> list[tu
     return [(name.value, part) for name, value in node.value for part in (name, value)]
 
 
-def _check_scalar(node: yaml.Node, key: str | None, loader: yaml.SafeLoader) -> None:
+def _check_scalar(node: ScalarNode, key: str | None, constructor: SafeConstructor) -> None:
     if node.tag == _MERGE:
         return
     kind = node.tag.rpartition(":")[2]
     try:
-        value = loader.construct_object(node)
+        value = constructor.construct_object(node)
         if isinstance(value, str):
             value.encode("utf-8")
     except UnicodeEncodeError:
         raise _Fault(node, f"{node.value[:80]!r} is no valid text", key) from None
-    except (ValueError, KeyError, AttributeError):  # constructors of tagged values fail as they happen to
-        raise _Fault(node, f"{node.value[:80]!r} is no {kind}", key) from None
+    except (ValueError, KeyError, AttributeError, ConstructorError) as fault:
+        if node.tag not in constructor.yaml_constructors:  # no constructor for the tag, which `fault` says
+            raise
+        # Those that exist fail as they happen to.
+        raise _Fault(node, f"{node.value[:80]!r} is no {kind}", key) from fault
     if isinstance(value, int) and abs(value) > MAX_INTEGER:
         raise _Fault(node, f"the integer {node.value[:80]} is beyond {MAX_INTEGER} in size", key)

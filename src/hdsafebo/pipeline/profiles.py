@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from hdsafebo.errors import ParamsError, UnknownNameError
 from hdsafebo.files.atomic import replacing
-from hdsafebo.files.yaml import read_mapping
+from hdsafebo.files.yaml import parse_mapping, read_mapping
 from hdsafebo.pipeline.checked_params import parse_checked_params
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ def profile_text(root: Path, name: str) -> str:
     buffer = io.StringIO()
     yaml.dump(merged, buffer)
     text = buffer.getvalue()
-    parse_checked_params(YAML(typ="safe").load(text), source=f"profiles/{name}.yaml")
+    source = f"profiles/{name}.yaml"
+    parse_checked_params(parse_mapping(text, source, ParamsError), source=source)
     return text
 
 
@@ -81,15 +82,8 @@ def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
 
 def _with_comments(yaml: YAML, path: Path) -> Any:
     """A profile as ruamel holds it, with comments and formats, once it is known to be plain data."""
-    from ruamel.yaml import YAMLError
-
     read_mapping(path, ParamsError)
-    try:
-        return yaml.load(path.read_bytes())
-    except (YAMLError, ValueError) as error:  # it reads YAML 1.2, where a few things differ
-        raise ParamsError(
-            f"{path}: cannot be read as YAML 1.2: {' '.join(str(error).split())[:300]}"
-        ) from None
+    return yaml.load(path.read_bytes())
 
 
 def _merge(base: Any, changes: Any) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import os
 import resource
-import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from safetensors import SafetensorError
@@ -16,8 +17,10 @@ from safetensors import SafetensorError
 from hdsafebo.errors import HdSafeBOError, ParamsError, UnknownNameError
 from hdsafebo.params import Params
 from hdsafebo.pipeline.checked_params import load_checked_params
+from hdsafebo.pipeline.store import home_of
 from hdsafebo.pipeline.tracking import Tracker, track_stage
 
+_LOG = logging.getLogger(__name__)
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
 COSTS_FILE = ".journal/stage_costs.jsonl"
@@ -60,7 +63,7 @@ class Stage:
 
     def notice(self, message: str) -> None:
         """Tell the user something that must not be missed."""
-        print(f"NOTICE [{self.name}]: {message}", file=sys.stderr, flush=True)
+        _LOG.warning("NOTICE [%s]: %s", self.name, message)
 
 
 def run_stage(
@@ -95,6 +98,13 @@ def run_stage(
     if options is not None:
         options(parser)
     arguments = parser.parse_args(argv)
+    with _messages_on_stderr():
+        _run(name, main, blocks, arguments)
+
+
+def _run(
+    name: str, main: Callable[[Stage], None], blocks: Sequence[str], arguments: argparse.Namespace
+) -> None:
     root = arguments.root.resolve()
     start = time.perf_counter()
     stage = None
@@ -105,22 +115,33 @@ def run_stage(
             stage = Stage(name, params, root, arguments, tracker)
             main(stage)
     except (ParamsError, UnknownNameError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        _LOG.error("error: %s", error)
         raise SystemExit(EXIT_BAD_INPUT) from None
     except HdSafeBOError as error:
-        print(f"error in stage {name}: {error}", file=sys.stderr)
+        _LOG.error("error in stage %s: %s", name, error)
         raise SystemExit(EXIT_FAILED) from None
     except (OSError, SafetensorError) as error:  # a disk that is full or read-only; writers seldom say where
         place = getattr(error, "filename", None) or (stage.last_path if stage else root)
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        print(
-            f"error in stage {name}: {place}: {reason}; start again when it can be written",
-            file=sys.stderr,
-        )
+        _LOG.error("error in stage %s: %s: %s; start again when it can be written", name, place, reason)
         raise SystemExit(EXIT_FAILED) from None
     seconds = time.perf_counter() - start
     _record_cost(root, params.profile, name, arguments, seconds)
-    print(f"{name}: done in {seconds:.1f} s", file=sys.stderr, flush=True)
+    _LOG.info("%s: done in %.1f s", name, seconds)
+
+
+@contextmanager
+def _messages_on_stderr() -> Iterator[None]:
+    """Let messages of the package appear as they are, information too, while a stage runs."""
+    logger = logging.getLogger("hdsafebo")
+    handler, level = logging.StreamHandler(), logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
 
 
 def _record_cost(root: Path, profile: str, name: str, arguments: argparse.Namespace, seconds: float) -> None:
@@ -128,13 +149,13 @@ def _record_cost(root: Path, profile: str, name: str, arguments: argparse.Namesp
     item = [str(value) for key, value in vars(arguments).items() if key not in ("root", "params")]
     peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     cost = {"profile": profile, "stage": name, "item": item, "seconds": round(seconds, 1)}
-    path = root / COSTS_FILE
+    path = home_of(root) / COSTS_FILE
     try:
         path.parent.mkdir(exist_ok=True)
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(cost | {"peak_mb": round(peak / 1024)}) + "\n")
     except OSError as error:
-        print(f"NOTICE [{name}]: {path} cannot be written: {error.strerror}", file=sys.stderr)
+        _LOG.warning("NOTICE [%s]: %s cannot be written: %s", name, path, error.strerror)
 
 
 def lookup(params: Params, key: str) -> object:

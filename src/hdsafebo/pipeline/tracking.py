@@ -1,15 +1,16 @@
 """The MLflow mirror of a stage: a run per stage item, a child run per seed; files stay the truth.
 
-Nothing here may stop the pipeline: the first call that fails turns tracking off for the rest of the
-stage with one notice. MLflow is imported at the first write only (it takes one to three seconds).
+No fault of the mirror may stop the pipeline: the first call that fails turns tracking off for the rest of the
+stage with one notice. MLflow is imported at the first write only (the import takes one to three seconds).
 """
 
 from __future__ import annotations
 
+import logging
 import math
 import os
+import platform
 import re
-import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,10 +18,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import read_mapping
 from hdsafebo.pipeline.provenance import digest_json, digest_paths, git_state, stage_dependencies
+from hdsafebo.pipeline.store import Store, home_of
 
 if TYPE_CHECKING:
     from mlflow.tracking import MlflowClient
@@ -29,6 +30,7 @@ PIPELINE_EXPERIMENT = "pipeline"
 _METRICS_PER_BATCH = 1000  # limits of MLflow's log-batch call
 _PARAMS_PER_BATCH = 100
 _PARAM_LENGTH = 6000
+_LOG = logging.getLogger(__name__)
 # An unreachable server must cost seconds, not the minutes of MLflow's default retries.
 _QUIET_AND_QUICK = {
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",
@@ -45,13 +47,15 @@ class Tracker:
     Args:
         stage: name of the stage.
         params: the parameters that the stage uses; nested mappings become dotted names.
-        root: the project's directory; the default store lies in it.
+        root: the project's directory, or a copy that DVC made of it; see `store.home_of`.
         enabled: False makes every method do nothing.
     """
 
     def __init__(self, stage: str, params: Mapping[str, object], root: Path, *, enabled: bool = True) -> None:
         self.stage = stage
         self.root = root
+        self._home = home_of(root)
+        self._store = Store(self._home)
         self.enabled = enabled
         self._params = dict(params)
         self._experiment_name = PIPELINE_EXPERIMENT
@@ -147,57 +151,70 @@ class Tracker:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # deprecations between the mirror's libraries
-                if self._client is None:
-                    self._client = self._open()
-                write(self._client)
+                client = self._client or self._begin()
+                self._store.call(lambda: write(client))
         except Exception as error:  # the mirror's libraries raise anything from OSError to SQLAlchemy's own
             self.enabled = False
-            reason = " ".join(f"{tracking_uri(self.root)}: {type(error).__name__}: {error}".split())
+            reason = " ".join(f"{self._store.uri}: {type(error).__name__}: {error}".split())
             without_password = re.sub(r"//[^/@\s]*@", "//", reason)[:300]
-            print(
-                f"NOTICE [{self.stage}]: tracking is off for the rest of this stage, "
-                f"its files are not affected: {without_password}",
-                file=sys.stderr,
-                flush=True,
+            _LOG.warning(
+                "NOTICE [%s]: tracking is off for the rest of this stage, its files are not affected: %s",
+                self.stage,
+                without_password,
             )
 
-    def _open(self) -> MlflowClient:
+    def _begin(self) -> MlflowClient:
+        """Begin the run; the import of MLflow does not count as time that the store takes."""
         for key, value in _QUIET_AND_QUICK.items():
             os.environ.setdefault(key, value)
         from mlflow.tracking import MlflowClient
 
-        uri = tracking_uri(self.root)
-        client = MlflowClient(tracking_uri=uri)
-        experiment = client.get_experiment_by_name(self._experiment_name)
-        if experiment is not None:
-            self._experiment = experiment.experiment_id
-        else:
-            # A server decides itself where artefacts go; the local store keeps them in the project.
-            local = (self.root / "mlartifacts" / self._experiment_name).as_uri()
-            self._experiment = client.create_experiment(
-                self._experiment_name, artifact_location=local if uri == default_uri(self.root) else None
-            )
-        if uri == default_uri(self.root):
-            self._close_cut_runs(client)
-        run = client.create_run(self._experiment, tags=self._tags(), run_name=self._run_name)
-        self._run = run.info.run_id
-        self._write_params(client, self._run, self._params)
-        return client
+        def begin() -> MlflowClient:
+            client = MlflowClient(tracking_uri=self._store.uri)  # makes the tables of a new store
+            self._experiment = self._find_experiment(client)
+            if self._store.local:
+                self._close_cut_runs(client)
+            run = client.create_run(self._experiment, tags=self._tags(), run_name=self._run_name)
+            self._run = run.info.run_id
+            self._write_params(client, self._run, self._params)
+            return client
+
+        self._client = self._store.call(begin)
+        return self._client
+
+    def _find_experiment(self, client: MlflowClient) -> str:
+        """Identifier of the experiment, which is made when it is missing."""
+        from mlflow.exceptions import MlflowException
+
+        name = self._experiment_name
+        if (found := client.get_experiment_by_name(name)) is not None:
+            return str(found.experiment_id)
+        # A server decides itself where artefacts go; the local store keeps them in the project.
+        place = (self._home / "mlartifacts" / name).as_uri() if self._store.local else None
+        try:
+            return str(client.create_experiment(name, artifact_location=place))
+        except MlflowException:  # on a server another stage may just have made it
+            if (found := client.get_experiment_by_name(name)) is None:
+                raise
+            return str(found.experiment_id)
 
     def _close_cut_runs(self, client: MlflowClient) -> None:
-        """Earlier runs of this item that never ended were killed: a project runs an item once at a time."""
+        """Earlier runs of this item whose process is gone were killed."""
         for run in client.search_runs([self._experiment], "attributes.status = 'RUNNING'"):
-            if run.info.run_name == self._run_name and run.data.tags.get("stage") == self.stage:
+            tags = run.data.tags
+            same = run.info.run_name == self._run_name and tags.get("stage") == self.stage
+            if same and not _is_alive(tags.get("process", "")):
                 client.set_terminated(run.info.run_id, "KILLED")
 
     def _tags(self) -> dict[str, str]:
         """Tags by which runs are found again; identifiers of runs never enter a file of the pipeline."""
         state = git_state(self.root)
         dvc_file = self.root / "dvc.yaml"
-        parsed = yaml.safe_load(dvc_file.read_text(encoding="utf-8")) if dvc_file.exists() else {}
-        dependencies = [self.root / p for p in stage_dependencies(parsed or {}, self.stage, self._item)]
+        parsed = read_mapping(dvc_file, ParamsError) if dvc_file.exists() else {}
+        dependencies = [self.root / p for p in stage_dependencies(parsed, self.stage, self._item)]
         return self._item | {
             "stage": self.stage,
+            "process": _this_process(),
             "git_revision": state[0] if state else "none",
             "git_dirty": str(state[1]).lower() if state else "unknown",
             "params_hash": digest_json(self._params),
@@ -257,14 +274,24 @@ def track_stage(
     tracker.finish("FINISHED")
 
 
-def default_uri(root: Path) -> str:
-    """The local store of a project."""
-    return f"sqlite:///{root / 'mlruns.db'}"
+def _this_process() -> str:
+    """Host, number and start of this process; numbers of processes are used again."""
+    import psutil
+
+    return f"{platform.node()} {os.getpid()} {psutil.Process().create_time():.2f}"
 
 
-def tracking_uri(root: Path) -> str:
-    """MLFLOW_TRACKING_URI if it is set, else the local store."""
-    return os.environ.get("MLFLOW_TRACKING_URI") or default_uri(root)
+def _is_alive(process: str) -> bool:
+    """Whether a process still runs, as far as can be known from this host."""
+    import psutil
+
+    try:
+        host, number, start = process.split(" ")
+        if host != platform.node():
+            return True
+        return abs(psutil.Process(int(number)).create_time() - float(start)) < 1.0
+    except (ValueError, psutil.Error):
+        return False
 
 
 def flatten(params: Mapping[str, Any], prefix: str = "") -> dict[str, object]:

@@ -7,6 +7,8 @@ import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdsafebo.session.stream_option import ASK, add_stream_options, asked_values, recorded_stream
+
 if TYPE_CHECKING:
     from hdsafebo.session.log.state import Trial
     from hdsafebo.session.session import Session
@@ -53,9 +55,13 @@ def add_parser(subparsers: Any) -> None:
 
     record = command("record", _record, "record what came back from the running trial")
     record.add_argument(
-        "values", nargs="+", metavar="NAME=VALUE", help="scores, or outcomes and safety values"
+        "values",
+        nargs="+",
+        metavar="NAME=VALUE",
+        help=f"scores, or outcomes and safety values; `{ASK}` asks for those that are not given",
     )
-    record.add_argument("--recording", type=Path, help="EMG recording, CSV or EDF+")
+    record.add_argument("--recording", type=Path, help="EMG recording, CSV, EDF or BDF")
+    add_stream_options(record)
     record.add_argument("--remark", default="")
     lost = command("not-delivered", _not_delivered, "close the running trial: nothing was delivered")
     for step in (record, lost):
@@ -183,12 +189,14 @@ def _started(session: Session, trial: Trial) -> None:
 
 
 def _record(arguments: argparse.Namespace) -> None:
+    from hdsafebo.files.bounded import read_bounded
     from hdsafebo.session.errors import RecordingError
+    from hdsafebo.session.measuring.recording import MAX_BYTES
     from hdsafebo.session.spaces.space import Report
 
     session = _open(arguments)
     values: dict[str, float] = {}
-    for word in arguments.values:
+    for word in (word for word in arguments.values if word != ASK):
         name, equals, number = word.partition("=")
         try:
             values[name] = float(number)
@@ -196,12 +204,12 @@ def _record(arguments: argparse.Namespace) -> None:
             raise RecordingError(f"{word!r}: expected NAME=VALUE with a number") from None
         if not equals:
             raise RecordingError(f"{word!r}: expected NAME=VALUE")
-    recording = None
-    if arguments.recording is not None:
-        try:
-            recording = (arguments.recording.read_bytes(), arguments.recording.name)
-        except OSError as error:
-            raise RecordingError(f"{arguments.recording}: {error.strerror or error}") from None
+    path = arguments.recording
+    if arguments.stream is not None:
+        path = recorded_stream(session, arguments, values)
+    if ASK in arguments.values:
+        values = asked_values(session, values, path)
+    recording = None if path is None else (read_bounded(path, MAX_BYTES, RecordingError), path.name)
     trial = session.record(arguments.who, Report(recording, values), arguments.trial, remark=arguments.remark)
     _recorded(session, trial)
 

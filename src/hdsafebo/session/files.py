@@ -7,12 +7,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from hdsafebo.files.bounded import read_bounded
 from hdsafebo.session.definition import Definition, ListDefinition
 from hdsafebo.session.errors import DefinitionError
 from hdsafebo.session.log.store import Store
+from hdsafebo.session.measuring.tables import MAX_BYTES as MAX_TABLE_BYTES
 
-MAX_BYTES = 2**30  # of an embedding; tables have lower limits of their own
 INITIAL, EMBEDDING, EMBEDDING_CARD, CANDIDATES = "initial", "embedding", "embedding_card", "candidates"
+_LIMITS = {
+    INITIAL: MAX_TABLE_BYTES,
+    CANDIDATES: MAX_TABLE_BYTES,
+    EMBEDDING: 2**30,
+    EMBEDDING_CARD: 2**20,
+}
 
 
 class NamedFile(NamedTuple):
@@ -36,17 +43,10 @@ def read_files(
         paths |= {EMBEDDING: embedding, EMBEDDING_CARD: embedding.with_suffix(".json")}
     if isinstance(definition, ListDefinition):
         paths[CANDIDATES] = definition_path.parent / definition.candidates
-    try:
-        return {role: NamedFile(path.name, _content(path)) for role, path in paths.items()}
-    except OSError as error:
-        raise DefinitionError(f"{error.filename}: {error.strerror or error}") from None
-
-
-def _content(path: Path) -> bytes:
-    size = path.stat().st_size
-    if size > MAX_BYTES:
-        raise DefinitionError(f"{path}: {size} bytes, expected at most {MAX_BYTES}")
-    return path.read_bytes()
+    return {
+        role: NamedFile(path.name, read_bounded(path, _LIMITS[role], DefinitionError))
+        for role, path in paths.items()
+    }
 
 
 def stored_files(store: Store, files: Mapping[str, Mapping[str, str]]) -> dict[str, NamedFile]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 from hdsafebo.session.errors import ProtocolError
 
 LONGEST = 2000
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def checked_name(who: str) -> str:
@@ -26,3 +29,14 @@ def checked_text(value: str, what: str, *, needed: bool = True, longest: int = L
     except UnicodeEncodeError:
         raise ProtocolError(f"{what} is no valid text") from None
     return words
+
+
+def parse_number(text: str) -> float | None:
+    """The number that a text writes in plain decimal digits, such as -0.5 or 1e-3; None when it is none.
+
+    Python's own `float` takes `1_200`, `nan`, `infinity` and digits of other scripts, too.
+    """
+    if not _NUMBER.fullmatch(text):
+        return None
+    number = float(text)
+    return number if abs(number) < float("inf") else None

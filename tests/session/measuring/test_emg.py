@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pyedflib
 import pytest
 
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
-from hdsafebo.session.errors import RecordingError
-from hdsafebo.session.measuring.emg import Emg, Recording, activation, peak_to_peak, selectivity
+from hdsafebo.session.errors import DefinitionError, RecordingError
+from hdsafebo.session.measuring.emg import Emg, activation, peak_to_peak, samples_digest, selectivity
+from hdsafebo.session.measuring.recording import Annotation, Channel, Recording
 from hdsafebo.session.measuring.recordings import read_recording
+from hdsafebo.session.measuring.trigger import Trigger
 from tests.session.small import small_definition
 
 
@@ -41,6 +42,14 @@ def csv(
     return (comment + ",".join(["time_s", *(names or emg.muscles)]) + "\n" + "\n".join(rows) + "\n").encode()
 
 
+def recorded(emg: Emg, samples: np.ndarray, start_s: float = 0.0, **changes: Any) -> Recording:
+    """A recording of samples (n, muscles) in uV."""
+    channels = [
+        Channel(name, samples[:, i], emg.rate_hz, start_s, **changes) for i, name in enumerate(emg.muscles)
+    ]
+    return Recording("made", tuple(channels))
+
+
 def test_peak_to_peak_is_the_mean_over_the_pulses(emg: Emg) -> None:
     found = peak_to_peak(read_recording(csv(emg, signal(emg)), "a.csv"), emg)
     expected = 2 * 10 * (np.arange(8) + 1) * np.mean(np.arange(1, 9))  # 8 pulses in 800 ms at 10 Hz
@@ -65,42 +74,6 @@ def test_selectivity_is_the_papers_formula() -> None:
     mu = np.array([0.5, 0.2, 0.1])
     np.testing.assert_allclose(selectivity(mu), [0.5 / 1.3, 0.2 / 1.6, 0.1 / 1.7])
     np.testing.assert_allclose(selectivity(np.stack([mu, 2 * mu]))[1], [1.0 / 1.6, 0.4 / 2.2, 0.2 / 2.4])
-
-
-def write_edf(path: Path, samples: np.ndarray, names: list[str], rates: list[int], unit: str = "uV") -> bytes:
-    with pyedflib.EdfWriter(str(path), len(names), file_type=pyedflib.FILETYPE_EDFPLUS) as writer:
-        for i, (name, rate) in enumerate(zip(names, rates, strict=True)):
-            header = {
-                "label": name,
-                "dimension": unit,
-                "sample_frequency": rate,
-                "physical_max": 6000.0,
-                "physical_min": -6000.0,
-                "digital_max": 32767,
-                "digital_min": -32768,
-                "transducer": "",
-                "prefilter": "",
-            }
-            writer.setSignalHeader(i, header)
-        writer.setRecordingAdditional("session=abc;trial=7")
-        writer.writeSamples([np.ascontiguousarray(samples[:rate, i]) for i, rate in enumerate(rates)])
-    return path.read_bytes()
-
-
-def test_edf_gives_what_csv_gives(emg: Emg, tmp_path: Path) -> None:
-    one_second = signal(emg, 1.0)
-    content = write_edf(tmp_path / "a.edf", one_second, list(emg.muscles), [2000] * 8)
-    recording = read_recording(content, "a.edf")
-    assert recording.labels == {"session": "abc", "trial": "7"}
-    expected = peak_to_peak(read_recording(csv(emg, one_second), "a.csv"), emg)
-    np.testing.assert_allclose(
-        peak_to_peak(recording, emg), expected, atol=0.4
-    )  # two counts of 12000 / 65536 uV
-
-
-def test_edf_in_millivolts_is_converted(emg: Emg, tmp_path: Path) -> None:
-    content = write_edf(tmp_path / "a.edf", signal(emg, 1.0) / 1000, list(emg.muscles), [2000] * 8, "mV")
-    assert read_recording(content, "a.edf").samples_uv.max() == pytest.approx(signal(emg, 1.0).max(), rel=0.5)
 
 
 @pytest.mark.parametrize(
@@ -137,21 +110,8 @@ def test_malformed_csv_is_refused(emg: Emg, change: object, message: str) -> Non
         peak_to_peak(read_recording(change(emg, signal(emg)), "trial.csv"), emg)  # type: ignore[operator]
 
 
-def test_malformed_edf_is_refused(emg: Emg, tmp_path: Path) -> None:
-    good = write_edf(tmp_path / "a.edf", signal(emg, 1.0), list(emg.muscles), [2000] * 8)
-    for content in (good[:100], b"", b"0" * 5000, good[: len(good) // 2]):
-        with pytest.raises(RecordingError, match=r"x\.edf"):
-            peak_to_peak(read_recording(content, "x.edf"), emg)
-    mixed = write_edf(tmp_path / "b.edf", signal(emg, 1.0), list(emg.muscles), [2000] * 7 + [1000])
-    with pytest.raises(RecordingError, match="differ in rate"):
-        read_recording(mixed, "x.edf")
-    unit = write_edf(tmp_path / "c.edf", signal(emg, 1.0), list(emg.muscles), [2000] * 8, "mmHg")
-    with pytest.raises(RecordingError, match="unit 'mmHg'"):
-        read_recording(unit, "x.edf")
-
-
 def test_other_files_are_refused(emg: Emg) -> None:
-    with pytest.raises(RecordingError, match=r"\.pkl, expected \.csv or \.edf"):
+    with pytest.raises(RecordingError, match=r"\.pkl, expected \.csv, \.edf or \.bdf"):
         read_recording(b"x", "a.pkl")
     with pytest.raises(RecordingError, match="expected at most"):
         read_recording(bytes(33 * 2**20), "a.csv")
@@ -161,4 +121,123 @@ def test_not_finite_samples_are_refused_whatever_the_reader(emg: Emg) -> None:
     samples = signal(emg)
     samples[5, 2] = np.inf
     with pytest.raises(RecordingError, match="channel TA_left: sample 6 is inf"):
-        peak_to_peak(Recording("made", tuple(emg.muscles), emg.rate_hz, samples), emg)
+        peak_to_peak(recorded(emg, samples), emg)
+
+
+@pytest.mark.parametrize("start_s", [-0.05, -0.0505, 0.0, 1.25])
+@pytest.mark.parametrize("first_pulse_s", [0.0, 0.02, 1.3])
+def test_the_pulse_is_looked_for_on_the_recordings_own_clock(
+    emg: Emg, start_s: float, first_pulse_s: float
+) -> None:
+    """Whatever the first sample's time, the same responses give the same values; what is missing is said."""
+    timed = emg.model_copy(update={"first_pulse_s": first_pulse_s})
+    before = round((first_pulse_s - start_s) * emg.rate_hz)
+    if before < 0:
+        with pytest.raises(RecordingError, match=f"begins at {start_s:g} s, after the response"):
+            peak_to_peak(recorded(emg, signal(emg), start_s), timed)
+        return
+    quiet = np.tile([[0.0], [2.5]], (before, 8))[:before]
+    samples = np.vstack([quiet, signal(emg)])
+    expected = peak_to_peak(recorded(emg, signal(emg)), emg)
+    np.testing.assert_allclose(peak_to_peak(recorded(emg, samples, start_s), timed), expected)
+    with pytest.raises(RecordingError, match="s long, expected at least"):
+        peak_to_peak(recorded(emg, samples[:-200], start_s), timed)
+
+
+def test_a_response_at_the_end_of_the_files_own_range_is_refused(emg: Emg) -> None:
+    """Clipped to 40 uV, far below the amplifier's level: 80 would be measured for what is larger."""
+    clipped = np.clip(signal(emg), -40.0, 40.0)
+    with pytest.raises(
+        RecordingError, match="channel IL_left is saturated in the response to pulse 4: it reach"
+    ):
+        peak_to_peak(recorded(emg, clipped, lowest=-40.0, highest=40.0), emg)
+    in_mv = recorded(emg, clipped / 1000, lowest=-0.04, highest=0.04, unit="mV")
+    with pytest.raises(RecordingError, match="reaches -40 uV"):
+        peak_to_peak(in_mv, emg)
+    wide = recorded(emg, signal(emg), lowest=-5000.0, highest=5000.0)
+    np.testing.assert_array_equal(peak_to_peak(wide, emg), peak_to_peak(recorded(emg, signal(emg)), emg))
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("uV", 1.0), ("µV", 1.0), ("μV", 1.0), (" UV ", 1.0), ("mV", 1e3), ("V", 1e6), ("nV", 1e-3)],
+)
+def test_units_of_voltage(emg: Emg, unit: str, factor: float) -> None:
+    found = peak_to_peak(recorded(emg, signal(emg) / factor, unit=unit), emg)
+    np.testing.assert_allclose(found, peak_to_peak(recorded(emg, signal(emg)), emg))
+
+
+def test_what_nobody_asked_for_needs_no_unit_and_no_rate(emg: Emg) -> None:
+    odd = Channel("ACC", np.zeros(3), 25.0, unit="g")
+    recording = Recording("made", (*recorded(emg, signal(emg)).channels, odd, odd))
+    with pytest.raises(RecordingError, match="channels ACC appear twice"):
+        peak_to_peak(recording, emg)
+    ignoring = emg.model_copy(update={"ignored_channels": ["ACC"]})
+    np.testing.assert_array_equal(
+        peak_to_peak(recording, ignoring), peak_to_peak(recorded(emg, signal(emg)), emg)
+    )
+    odd_one = tuple(_with_unit(c) for c in recorded(emg, signal(emg)).channels)
+    with pytest.raises(RecordingError, match="channel TA_left: unit 'g', expected uV, mV or V"):
+        peak_to_peak(Recording("made", odd_one), emg)
+
+
+def _with_unit(channel: Channel) -> Channel:
+    return Channel(
+        channel.name, channel.values, channel.rate_hz, unit="g" if channel.name == "TA_left" else "uV"
+    )
+
+
+def test_a_recording_is_known_by_its_samples(emg: Emg) -> None:
+    """Comments, the order of the columns and ignored channels are not what was measured."""
+    plain = read_recording(csv(emg, signal(emg)), "a.csv", emg)
+    labelled = read_recording(csv(emg, signal(emg), comment="# trial: 9\n# seen by ann\n"), "b.csv", emg)
+    turned = csv(emg, signal(emg)[:, ::-1], emg.muscles[::-1])
+    digests = {samples_digest(r, emg) for r in (plain, labelled, read_recording(turned, "c.csv", emg))}
+    assert len(digests) == 1
+    other = signal(emg)
+    other[7, 3] += 0.01
+    assert samples_digest(read_recording(csv(emg, other), "a.csv", emg), emg) not in digests
+
+
+@pytest.mark.parametrize(
+    ("trigger", "message"),
+    [
+        ({}, "expected either channel or annotation"),
+        (
+            {"channel": "TRIG", "threshold": 1.0, "annotation": "Stim"},
+            "expected either channel or annotation",
+        ),
+        ({"channel": "TRIG"}, "expected threshold or bits with channel"),
+        ({"channel": "TRIG", "threshold": 1.0, "bits": 1}, "expected threshold or bits with channel"),
+        ({"annotation": "Stim", "threshold": 1.0}, "threshold belongs to a channel"),
+        ({"channel": "TRIG", "bits": 0}, "trigger.bits"),
+        ({"channel": "TRIG", "threshold": float("nan")}, "trigger.threshold"),
+        ({"channel": "IL_left", "threshold": 1.0}, "trigger.channel IL_left is a muscle, too"),
+    ],
+)
+def test_a_trigger_is_said_in_one_way(trigger: dict[str, Any], message: str) -> None:
+    data = small_definition()
+    data["emg"]["trigger"] = trigger
+    with pytest.raises(DefinitionError, match=message):
+        parse_definition(data)
+
+
+def test_triggers_of_pulses_must_come_at_the_pulses_rate(emg: Emg) -> None:
+    """A mark of each pulse counts for itself; marks at another rate are another protocol."""
+    marked = emg.model_copy(update={"trigger": Trigger(annotation="Stim"), "first_pulse_s": 0.005})
+
+    def measured(times: np.ndarray) -> np.ndarray:
+        notes = tuple(Annotation(float(t), "Stim") for t in times[::-1])
+        channels = recorded(emg, np.vstack([signal(emg), np.zeros((200, 8))])).channels
+        return peak_to_peak(Recording("made", channels, notes), marked)
+
+    marks = np.arange(8) / 10 - 0.005
+    expected = peak_to_peak(recorded(emg, signal(emg)), emg)
+    np.testing.assert_allclose(measured(marks), expected)
+    np.testing.assert_allclose(measured(marks[:1]), expected)
+    with pytest.raises(
+        RecordingError, match=r"trigger 2 comes 0\.05 s after the one before, expected 0\.1 s"
+    ):
+        measured(np.arange(8) / 20)
+    with pytest.raises(RecordingError, match=r"9 triggers, expected 1 \(of the trial\) or 8"):
+        measured(np.arange(9) / 10)

@@ -26,7 +26,7 @@ class ListSet(FiniteSet):
         self._values = values
         width = space.upper - space.lower
         self._width = np.where(width > 0, width, 1.0)
-        self._index = {tuple(row): i for i, row in enumerate(values.tolist())}
+        self._index = {_key(row): i for i, row in enumerate(values)}
         self.bounds = np.vstack([space.lower, space.upper])
         super().__init__(values / self._width)
 
@@ -48,7 +48,7 @@ class ListSet(FiniteSet):
         return self._space.permitted(self._values, last)
 
     def _row_inside(self, point: Point) -> int | None:
-        return self._index.get(tuple(point["values"]))
+        return self._index.get(_key(np.asarray(point["values"], float)))
 
     def _point_inside(self, row: int) -> Point:
         return {"values": self._values[row].tolist()}
@@ -64,21 +64,21 @@ def candidate_values(table: Table, space: GenericSpace) -> FloatArray:
         RecordingError: a wrong column or value, a row outside the limits, or twice the same; names the line.
     """
     table.require(list(space.inputs), [])
-    seen: dict[tuple[float, ...], int] = {}
-    for row in range(len(table.rows)):
-        values = tuple(table.needed(row, name) for name in space.inputs)
-        outside = [
-            n
-            for n, v, a, b in zip(space.inputs, values, space.lower, space.upper, strict=True)
-            if not a <= v <= b
-        ]
-        if outside:
-            raise RecordingError(
-                f"{table.at(row)}: {', '.join(outside)} outside the limits of the session file"
-            )
-        if values in seen:
-            raise RecordingError(f"{table.at(row)}: the same as line {table.lines[seen[values]]}")
-        seen[values] = row
-    if not seen:
+    if not len(table):
         raise RecordingError(f"{table.source}: no rows, expected at least one candidate")
-    return np.array(list(seen), float)
+    values = table.numbers(space.inputs)
+    outside = (values < space.lower) | (values > space.upper)
+    for row in np.flatnonzero(outside.any(axis=1))[:1]:
+        names = ", ".join(n for n, out in zip(space.inputs, outside[row], strict=True) if out)
+        raise RecordingError(f"{table.at(row)}: {names} outside the limits of the session file")
+    seen: dict[bytes, int] = {}
+    for row, key in enumerate(map(_key, values)):
+        first = seen.setdefault(key, row)
+        if first != row:
+            raise RecordingError(f"{table.at(row)}: the same as line {table.lines[first]}")
+    return values
+
+
+def _key(row: FloatArray) -> bytes:
+    """The numbers of a row (D,) as something that can be looked up; 0.0 and -0.0 are one number."""
+    return (row + 0.0).tobytes()

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from hdsafebo.files.yaml import write_mapping
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
 from hdsafebo.session.errors import ProtocolError, SessionError
 from hdsafebo.session.log.state import Point, Trial
@@ -89,7 +89,7 @@ def write_example(folder: Path, responses: Responses, seed: int) -> tuple[Path, 
     assert isinstance(definition, StimulationDefinition)
     folder.mkdir(parents=True, exist_ok=True)
     definition_path, initial_path = folder / "session.yaml", folder / "initial.csv"
-    definition_path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+    write_mapping(definition_path, data, SessionError)
     patient = SimulatedPatient(responses, definition.emg, seed)
     initial_path.write_text(initial_table(patient, definition, seed), encoding="utf-8")
     return definition_path, initial_path
@@ -235,5 +235,6 @@ def _bipolar_pairs() -> list[list[int]]:
 def _mu_cells(response: Response, definition: StimulationDefinition) -> list[str]:
     if response.recording is None:
         return [""] * len(definition.emg.muscles)
-    mu = activation(read_recording(response.recording, "initial.csv"), definition.emg)
+    emg = definition.emg
+    mu = activation(read_recording(response.recording, "initial.csv", emg), emg)
     return [f"{value:.6g}" for value in mu]

@@ -107,10 +107,11 @@ class SimulatedPatient:
         emg = self._emg
         order = [MUSCLES.index(m) for m in emg.muscles]
         size_uv = mu[order] * np.array([emg.reference_uv[m] for m in emg.muscles])
-        seconds = emg.windows()[-1][1] / emg.rate_hz + 0.02
+        pulses = emg.clock_pulses()
+        seconds = emg.windows(pulses, 0.0, emg.rate_hz)[-1][1] / emg.rate_hz + 0.02
         time = np.arange(int(seconds * emg.rate_hz)) / emg.rate_hz
         signal = _NOISE_UV * rng.standard_normal((len(time), len(size_uv)))
-        for pulse in emg.first_pulse_s + np.arange(emg.pulses) / emg.pulse_rate_hz:
+        for pulse in pulses:
             after = time - pulse
             size = size_uv * (1.0 + _PULSE_SD * rng.standard_normal(len(size_uv)))
             signal += _response(after)[:, None] * size

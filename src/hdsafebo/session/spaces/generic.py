@@ -13,6 +13,7 @@ from hdsafebo.session.errors import LimitError, RecordingError
 from hdsafebo.session.log.state import Point
 from hdsafebo.session.measuring.tables import Table
 from hdsafebo.session.spaces.space import (
+    MAX_INITIAL_TRIALS,
     TIME_COLUMN,
     Measured,
     Report,
@@ -108,7 +109,7 @@ class GenericSpace(Space):
 
     def initial_trials(self, table: Table) -> list[dict[str, Any]]:
         """One column per input, outcome and safety function, optionally time."""
-        table.require([*self.inputs, *self.entries], [TIME_COLUMN])
+        table.require([*self.inputs, *self.entries], [TIME_COLUMN], MAX_INITIAL_TRIALS)
         times = check_times(table)
         trials = []
         for row, time in enumerate(times):

@@ -17,6 +17,7 @@ from hdsafebo.session.measuring.outcome_scale import OutcomeScale
 from hdsafebo.session.measuring.tables import Table
 
 TIME_COLUMN = "time"
+MAX_INITIAL_TRIALS = 20_000  # twice as many as a suggestion is made for in reasonable time
 
 
 @dataclass(frozen=True)
@@ -153,15 +154,15 @@ def check_keys(values: Mapping[str, Any], expected: tuple[str, ...], what: str) 
 def check_times(table: Table) -> list[str | None]:
     """Times of the rows (ISO 8601) where the table has them; RecordingError where one goes back."""
     if TIME_COLUMN not in table.columns:
-        return [None] * len(table.rows)
-    index = table.columns.index(TIME_COLUMN)
+        return [None] * len(table)
     times: list[datetime] = []
-    for row, cells in enumerate(table.rows):
+    for row in range(len(table)):
+        text = table.text(row, TIME_COLUMN)
         try:
-            time = datetime.fromisoformat(cells[index].strip())
+            time = datetime.fromisoformat(text)
         except ValueError:
             raise RecordingError(
-                f"{table.at(row)}, column {TIME_COLUMN}: {cells[index]!r} is no ISO 8601 time"
+                f"{table.at(row)}, column {TIME_COLUMN}: {text[:40]!r} is no ISO 8601 time"
             ) from None
         if times and (time.tzinfo is None) != (times[-1].tzinfo is None):
             raise RecordingError(

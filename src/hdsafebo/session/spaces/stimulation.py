@@ -13,12 +13,13 @@ from hdsafebo.problem import Safety
 from hdsafebo.session.definition import Scores, StimulationDefinition
 from hdsafebo.session.errors import LimitError, RecordingError
 from hdsafebo.session.log.state import Point
-from hdsafebo.session.measuring.emg import activation, selectivity
+from hdsafebo.session.measuring.emg import activation, samples_digest, selectivity
 from hdsafebo.session.measuring.outcome_scale import LogScale
 from hdsafebo.session.measuring.recordings import read_recording
 from hdsafebo.session.measuring.stimulator import CONTACTS, Envelope, Polarity
 from hdsafebo.session.measuring.tables import Table
 from hdsafebo.session.spaces.space import (
+    MAX_INITIAL_TRIALS,
     TIME_COLUMN,
     Measured,
     Report,
@@ -122,14 +123,19 @@ class StimulationSpace(Space):
         if report.recording is None:
             return Measured(None, safety, details)
         content, name = report.recording
-        recording = read_recording(content, name)
+        emg = self.definition.emg
+        recording = read_recording(content, name, emg)
         for key, value in recording.labels.items():
             if key in labels and value != labels[key]:
                 raise RecordingError(f"{name}: says it is of {key} {value!r}, this is {key} {labels[key]!r}")
-        mu = activation(recording, self.definition.emg)
+        mu = activation(recording, emg)
         details |= {
             "mu": mu.tolist(),
-            "recording": {"name": name, "sha256": hashlib.sha256(content).hexdigest()},
+            "recording": {
+                "name": name,
+                "sha256": hashlib.sha256(content).hexdigest(),
+                "samples_sha256": samples_digest(recording, emg),
+            },
         }
         return Measured(self._outcomes(mu), safety, details)
 
@@ -137,11 +143,11 @@ class StimulationSpace(Space):
         """Columns e1 ... e16, current_ma, mu_MUSCLE (empty: no recording), score_RATER, optionally time."""
         mu_columns = [f"mu_{m}" for m in self.targets]
         score_columns = [f"score_{r}" for r in self.entries]
-        table.require([*self.inputs, *mu_columns, *score_columns], [TIME_COLUMN])
+        table.require([*self.inputs, *mu_columns, *score_columns], [TIME_COLUMN], MAX_INITIAL_TRIALS)
         times = check_times(table)
         return [
             self._initial(table, row, mu_columns, score_columns) | {"time": times[row]}
-            for row in range(len(table.rows))
+            for row in range(len(table))
         ]
 
     def _initial(

@@ -262,8 +262,27 @@ async function record() {
   const values = {};
   for (const input of byId("entries").querySelectorAll("input")) if (input.value !== "") values[input.name] = input.valueAsNumber;
   const file = byId("file").files[0];
-  const recording = file ? { name: file.name, content: await base64(file) } : null;
-  await send("record", { trial: seen.running.number, values, recording, remark: byId("remark").value });
+  const body = { trial: seen.running.number, values, recording: null, remark: byId("remark").value };
+  try {
+    if (file) body.recording = { name: file.name, content: await base64(await present(file)) };
+  } catch (error) {
+    byId("file").value = "";
+    say(`${file.name} was changed or moved since it was chosen: choose it again, then press Record.`);
+    return;
+  }
+  await send("record", body);
+}
+
+// What the file holds now, in memory. Chromium refuses to read a file that was written to since it was chosen, but
+// takes it into a form, once.
+async function present(file) {
+  try {
+    return new Blob([await file.arrayBuffer()]);
+  } catch (error) {
+    const form = new FormData();
+    form.append("file", file);
+    return (await new Response(form).formData()).get("file");
+  }
 }
 
 function base64(file) {
