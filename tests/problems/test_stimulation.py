@@ -11,6 +11,7 @@ import pytest
 
 from hdsafebo.embeddings import make_embedding
 from hdsafebo.errors import DatasetError, EmbeddingFileError, UnknownNameError
+from hdsafebo.optimizers.registry import make_optimizer
 from hdsafebo.params import load_params
 from hdsafebo.problem import check_problem
 from hdsafebo.problems.stimulation import (
@@ -187,6 +188,12 @@ def test_the_papers_setting_gives_codes_and_the_informed_one_responses(
     assert paper.problem.candidates is not None
     codec, some = paper.embedding(np.empty((0, PIXELS))), np.array([3, 70_000])
     rows = paper.problem.candidates
+    few = np.array([5, 70])
+    optimizer = make_optimizer("linebo", paper.problem, embedding=codec, bounds=paper.latent_bounds)
+    told = paper.problem.selectivity[few], paper.problem.values[few]
+    optimizer.observe(rows.inputs(few), *told, candidate=few, initial=True)
+    optimizer.ask(1)
+    optimizer.save(root / "state")
     assert "features" not in vars(rows), "only methods that choose among rows pay for their features"
     np.testing.assert_allclose(rows.features[some], codec.encode(rows.inputs(some)))
     assert informed.problem.candidates is not None

@@ -125,10 +125,14 @@ def _belong(trials: Trials, problem: Problem, embedding: Codec | None) -> NDArra
 def fingerprint(candidates: CandidateSet) -> FloatArray:
     """(b,) weighted means of the features of consecutive rows, at most 4096 of them.
 
+    A set whose features are dear has cheaper numbers in their place, one row per candidate, in an attribute
+    `identifying`.
+
     The weights are random and fixed, so that rows that change places, or one that changes by a millionth of
     the largest feature, show; what is kept does not grow with the list.
     """
-    features = np.asarray(candidates.features, float)
+    cheap = getattr(candidates, "identifying", None)
+    features = np.asarray(candidates.features if cheap is None else cheap, float)
     total, width = features.shape
     rng = np.random.default_rng(0)
     scale = max(float(np.abs(features).max(initial=0.0)), 1e-300)
