@@ -22,7 +22,7 @@ def test_the_example_runs(project_root: Path, tmp_path: Path) -> None:
         check=False,
     )
     assert result.returncode == 0, result.stderr
-    assert (tmp_path / "state.zip").exists()
+    assert (tmp_path / "polisher.hdsafebo" / "state").exists()
     assert "None" not in result.stdout
 
 

@@ -51,7 +51,7 @@ class CeiSettings(SafeSetSettings):
     kernel: Kernel = "matern52"
 
 
-class CeiProb(Optimizer):
+class CeiProb(Optimizer[CeiSettings]):
     """Expected improvement times probability of feasibility (Schonlau et al. 1998; Gardner et al. 2014).
 
     In logarithms, log EI + sum_j log Pr(g_j >= h_j), as BoTorch's `LogConstrainedExpectedImprovement`. The
@@ -68,11 +68,10 @@ class CeiProb(Optimizer):
 
     name = "cei_prob"
     Settings = CeiSettings
-    settings: CeiSettings
     uses = frozenset({"latent_space", "safety"})  # a length scale for each searched coordinate
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """No fits yet."""
         self._warm = WarmStart()
 
     def propose(self, n: int) -> Proposal:

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.typing import FloatArray
 
 _SEEDS = 2**32
 
 
-class Sobol(Optimizer):
+class Sobol(Optimizer[OptimizerSettings]):
     """Successive points of one scrambled Sobol sequence; on a finite candidate set, rows drawn uniformly.
 
     Snapping points of the box to their nearest candidates would favour candidates with large surroundings,
@@ -25,8 +26,8 @@ class Sobol(Optimizer):
     name = "sobol"
     uses = frozenset({"latent_space", "candidate_rows"})
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """Draw the seed of the sequence."""
         self._sequence = int(self.rng.integers(_SEEDS))
 
     def propose(self, n: int) -> Proposal:

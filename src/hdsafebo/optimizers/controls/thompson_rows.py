@@ -28,7 +28,7 @@ class ThompsonRowsSettings(SafeSetSettings):
     rows: int = Field(default=8000, ge=1)
 
 
-class ThompsonRows(Optimizer):
+class ThompsonRows(Optimizer[ThompsonRowsSettings]):
     """Thompson sampling over the believed safe ones among rows that are drawn from the whole candidate set.
 
     It has the kernel features and the safety model of `hdsafebo_local` and no trust region: the difference
@@ -40,7 +40,6 @@ class ThompsonRows(Optimizer):
 
     name = "thompson_rows"
     Settings = ThompsonRowsSettings
-    settings: ThompsonRowsSettings
     uses = Optimizer.uses | {"candidate_rows"}
 
     def propose(self, n: int) -> Proposal:
@@ -48,7 +47,7 @@ class ThompsonRows(Optimizer):
         features = self._rows().features
         left = np.setdiff1d(np.arange(len(features)), self.taken, assume_unique=True)
         rows = self.rng.choice(left, min(max(self.settings.rows, n), len(left)), replace=False)
-        safe: NDArray[np.bool_] = self.surrogate.believed_safe(features[rows], self.settings.confidence)
+        safe: NDArray[np.bool_] = self.surrogate.believed_safe(features[rows], self.confidence)
         chosen = np.flatnonzero(safe)
         if len(chosen) > n:
             chosen = chosen[thompson_sample(self.surrogate.objective, features[rows[chosen]], n, self.rng)]
