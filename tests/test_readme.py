@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.parametrize(("number", "file"), [(0, "state.zip"), (1, "hopper.safetensors")])
+@pytest.mark.parametrize(("number", "file"), [(0, "polisher.hdsafebo/state"), (1, "hopper.safetensors")])
 def test_the_examples_run(project_root: Path, tmp_path: Path, number: int, file: str) -> None:
     text = (project_root / "README.md").read_text(encoding="utf-8")
     examples = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)

@@ -23,6 +23,10 @@ class NoSafePointError(HdSafeBOError):
     """Nothing is known or believed to be safe, so the optimiser abstains."""
 
 
+class OptimisticWarning(UserWarning):
+    """A method promises its trials less than an even chance of being safe, by a default that nobody set."""
+
+
 class SurrogateError(HdSafeBOError):
     """A Gaussian process could not be fitted, not even with the last good hyper-parameters."""
 

@@ -63,7 +63,7 @@ class Journal:
             value: plain data with finite numbers.
 
         Returns:
-            True if the record is new, False if the same one is there already.
+            True if the record is new, False if the journal holds the same record.
 
         Raises:
             JournalError: the key has another value (the first is kept), or the disk is full or cannot
@@ -184,7 +184,7 @@ class Journal:
         except OSError as error:
             raise JournalError(
                 f"{self.path}: cannot be {action}: {error.strerror}; "
-                "what was acknowledged before is kept, and the run continues from there when started again"
+                "what was acknowledged before is kept, and a run that is started again goes on after it"
             ) from error
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from hdsafebo.optimizers.base import Optimizer
+    from hdsafebo.optimizers.settings import OptimizerSettings
     from hdsafebo.problem import Codec, Problem
 
 
@@ -96,7 +97,8 @@ def make_optimizer(
     embedding: Codec | None = None,
     seed: int = 0,
     bounds: ArrayLike | None = None,
-    **settings: Any,
+    settings: OptimizerSettings | None = None,
+    **keywords: Any,
 ) -> Optimizer:
     """Make an optimiser by the name of its method.
 
@@ -106,7 +108,8 @@ def make_optimizer(
         embedding: see `Optimizer`.
         seed: see `Optimizer`.
         bounds: see `Optimizer`.
-        settings: settings beyond, or instead of, those that the name stands for.
+        settings: settings beyond, or instead of, those that the name stands for; None takes the keywords.
+        keywords: the same by name.
 
     Raises:
         UnknownNameError: there is no such method.
@@ -114,7 +117,12 @@ def make_optimizer(
         ParamsError: a setting is unknown, of the wrong type or out of range.
     """
     kind, fixed = method_class(name)
-    return kind(problem, embedding=embedding, seed=seed, bounds=bounds, **(fixed | settings))
+    if settings is not None:
+        from hdsafebo.optimizers.settings import check_settings
+
+        check_settings(kind.Settings, name, settings, keywords)
+        keywords = settings.model_dump(exclude_unset=True)
+    return kind(problem, embedding=embedding, seed=seed, bounds=bounds, **(fixed | keywords))
 
 
 def load_optimizer(

@@ -107,6 +107,7 @@ def climb_hills(seed: int) -> HdSafeBOLocal:
     problem = hills_problem()
     made = HdSafeBOLocal(problem, seed=seed, embedding=Halving(), bounds=[[0.0, 0.0], [0.5, 0.5]])
     x = 0.25 + 0.15 * np.random.default_rng(seed).standard_normal((8, 2))  # around the low hill
+    x = np.clip(x, 0.0, 1.0)
     made.observe(x, *problem.function(x), initial=True)
     run_rounds(made, 45, 1)
     return made

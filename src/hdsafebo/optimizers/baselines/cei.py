@@ -40,7 +40,7 @@ _Term = Callable[[FloatArray, FloatArray, float], tuple[FloatArray, FloatArray, 
 P = TypeVar("P")
 
 
-class CeiProb(Optimizer):
+class CeiProb(Optimizer[SafeSetSettings]):
     """Expected improvement times probability of feasibility (Schonlau et al. 1998; Gardner et al. 2014).
 
     In logarithms, log EI + sum_j log Pr(g_j >= h_j), as BoTorch's `LogConstrainedExpectedImprovement`. The
@@ -57,10 +57,9 @@ class CeiProb(Optimizer):
 
     name = "cei_prob"
     Settings = SafeSetSettings
-    settings: SafeSetSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """No fits yet."""
         self._warm = WarmStart()
 
     def propose(self, n: int) -> Proposal:

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.typing import FloatArray
 
 _SEEDS = 2**32
 _MOST_DIMENSIONS = qmc.Sobol.MAXDIM
 
 
-class Sobol(Optimizer):
+class Sobol(Optimizer[OptimizerSettings]):
     """Successive points of one scrambled Sobol sequence; on a finite candidate set, rows drawn uniformly.
 
     Sobol numbers are known for 21,201 dimensions. With more, points are drawn uniformly; in so many
@@ -28,8 +29,8 @@ class Sobol(Optimizer):
 
     name = "sobol"
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """Draw the seed of the sequence."""
         self._sequence = int(self.rng.integers(_SEEDS))
 
     def propose(self, n: int) -> Proposal:

@@ -31,6 +31,7 @@ class Persistent(Protocol):
     """What of an optimiser makes up its state (`optimizers.base.Optimizer` has all of it)."""
 
     name: ClassVar[str]
+    searches_codes: ClassVar[bool]
     problem: Problem
     embedding: Codec | None
     rng: np.random.Generator
@@ -92,7 +93,7 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
         if state["method"] != kind.name:
             raise StateFileError(f"{path}: state of method {state['method']!r}; expected {kind.name!r}")
         check_identity(path, state["problem"], problem)
-        if state["embedded"] != (embedding is not None):
+        if state["embedded"] != (embedding is not None and kind.searches_codes):
             raise StateFileError(
                 f"{path}: saved {'with' if state['embedded'] else 'without'} an embedding, expected the same"
             )

@@ -4,6 +4,7 @@
 |---|---|---|
 | a finite candidate set | Thompson sampling over regions of rows | `rows` |
 | a continuous space | ascents of an isotropic model | `ascents` |
+| a box with steps, choices, linear constraints or contexts | Thompson sampling over a pool | `pools` |
 | a continuous space of which features hide directions | ascents and random steps | `hidden` |
 
 `optimizer` makes the search once and asks it; `base` says what every search provides. Single trials in a

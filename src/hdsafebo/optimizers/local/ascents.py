@@ -89,7 +89,7 @@ class AscentSearch(RegionSearch):
     @property
     def confidence(self) -> float:
         """The given beta, lowered where it promised too much."""
-        return self.caution.corrected(self.optimizer.settings.confidence, self.rate)
+        return self.caution.corrected(self.optimizer.promised_beta, self.rate)
 
     def centre(self) -> FloatArray:
         """(d,) where the ascents start: the point of the optimiser's centre row."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import asdict
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +88,7 @@ class LocalSearch(ABC):
     @property
     def confidence(self) -> float:
         """The beta of the safe set."""
-        return self.optimizer.settings.confidence
+        return self.optimizer.promised_beta
 
     def best_first(self, which: NDArray[np.bool_]) -> IntArray:
         """Rows where `which` is True, the highest objective first."""
@@ -126,8 +126,10 @@ class RegionSearch(LocalSearch):
         """Row of the best feasible trial among those that count and are believed safe; None without one.
 
         Around a trial that was safe by luck or by less than the noise, little is believed safe. After a
-        restart the best feasible trial will do.
+        restart the best feasible trial will do. Under contexts the optimiser's own choice counts.
         """
+        if self.optimizer.problem.contexts:
+            return None
         rows = self.best_first(self.own)[:CENTRES]
         if len(rows) == 0:
             return None
@@ -151,10 +153,12 @@ CENTRES = 100
 """So many of the best trials may be the centre."""
 
 
-class SearchingOptimizer(Optimizer):
+S = TypeVar("S", bound=SafeSetSettings)
+
+
+class SearchingOptimizer(Optimizer[S]):
     """An optimiser that leaves choosing, and what the model sees, to a search."""
 
-    settings: SafeSetSettings
     _search: LocalSearch | None = None
     _features: FloatArray | None = None
 

@@ -11,6 +11,7 @@ from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.hidden import HiddenSearch
+from hdsafebo.optimizers.local.pools import PoolSearch
 from hdsafebo.optimizers.local.restarts import Restarts
 from hdsafebo.optimizers.local.rows import RowSearch
 from hdsafebo.optimizers.local.settings import HdSafeBOLocalSettings, RestartSettings
@@ -18,7 +19,7 @@ from hdsafebo.search.metric import kernel_metric
 from hdsafebo.trials import Trials
 
 
-class HdSafeBOLocal(SearchingOptimizer):
+class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
     """Local variant of HdSafeBO.
 
     Raises:
@@ -27,15 +28,15 @@ class HdSafeBOLocal(SearchingOptimizer):
     """
 
     name = "hdsafebo_local"
+    holds_contexts = True
     Settings = HdSafeBOLocalSettings
-    settings: HdSafeBOLocalSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        if self.problem.candidates is not None and self.settings.restarts is not None:
+    def prepare(self) -> None:
+        """Refuse settings of a part that the problem does not use."""
+        if self.settings.restarts is not None and not self._continuous:
             raise ParamsError(
-                f"method {self.name!r}: setting 'restarts' is of continuous spaces; "
-                f"{self.problem.name!r} has a finite candidate set"
+                f"method {self.name!r}: setting 'restarts' is of continuous spaces; {self.problem.name!r} "
+                "has a finite candidate set, points that cannot be run, or contexts"
             )
         self._restarts: Restarts | None = None
 
@@ -44,9 +45,17 @@ class HdSafeBOLocal(SearchingOptimizer):
         if self.problem.candidates is not None:
             return RowSearch(self)
         metric = kernel_metric(self.problem, self.embedding, self.space)
+        if not self._continuous:
+            return PoolSearch(self, metric)
         search = HiddenSearch(self, metric) if metric.hides_directions else AscentSearch(self, metric)
         self._restarts = Restarts(search, self.settings.restarts or RestartSettings())
         return search
+
+    @property
+    def _continuous(self) -> bool:
+        """Whether every point of the searched box can be run, and all of its columns are chosen."""
+        problem = self.problem
+        return problem.candidates is None and not problem.lands and not problem.contexts
 
     def propose(self, n: int) -> Proposal:
         """What the search proposes; a single trial may begin the next climb instead."""
