@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from beartype import BeartypeConf, BeartypeHintOverrides, beartype
+from beartype import BeartypeConf, FrozenDict, beartype
 from jaxtyping import install_import_hook
 
 PACKAGES = ("hdsafebo.gp", "hdsafebo.search")
 
-_NUMBERS = BeartypeHintOverrides(
+_NUMBERS = FrozenDict(
     {bool: bool | np.bool_, int: int | np.integer, float: float | int | np.integer | np.floating}
 )
 check = beartype(conf=BeartypeConf(hint_overrides=_NUMBERS))
