@@ -6,6 +6,7 @@ and functions here work on kernel inputs: whatever space the caller measures dis
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -78,8 +79,53 @@ class SurrogateState:
         return cls(read(data["objective"]), tuple(read(entry) for entry in data["safety"]))
 
 
+class Beliefs(ABC):
+    """What every model of the objective and the safety functions says; points are its kernel inputs.
+
+    Attributes:
+        objective: model of the objective, with `predict` and `predict_mean`.
+        safety: one model per modelled safety function, in the problem's order.
+        thresholds: (m,) of the modelled safety functions, in the units of their models (after `transform`).
+    """
+
+    objective: Any
+    safety: tuple[Any, ...]
+    thresholds: FloatArray
+
+    @property
+    @abstractmethod
+    def state(self) -> Any:
+        """What the next fit starts from."""
+
+    @property
+    @abstractmethod
+    def inputs(self) -> FloatArray:
+        """(n, p) kernel inputs of the data."""
+
+    @property
+    @abstractmethod
+    def length_scale(self) -> float:
+        """The distance over which anything is known to vary little."""
+
+    @abstractmethod
+    def predict_safety(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(k, m) what is expected of the safety functions and how uncertain that is, at (k, p) points."""
+
+    @abstractmethod
+    def believed_safe(self, x: FloatArray, beta: float) -> BoolArray:
+        """(k,) True where every safety function's bound meets its threshold."""
+
+    @abstractmethod
+    def safe_probability(self, x: FloatArray) -> FloatArray:
+        """(k,) probability that every modelled safety function meets its threshold."""
+
+    @abstractmethod
+    def violation_bound(self, x: FloatArray, beta: float | None) -> FloatArray:
+        """(k,) bound on the expected violation (see `safe_set.violation_bound`), in the models' units."""
+
+
 @dataclass(frozen=True)
-class Surrogate:
+class Surrogate(Beliefs):
     """Independent Gaussian processes of the objective and of each modelled safety function.
 
     Attributes:

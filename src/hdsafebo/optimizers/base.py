@@ -62,6 +62,7 @@ class Optimizer(Knowledge[S]):
         consults_model: the method has the settings of the Gaussian processes (`ModelSettings`), and says of
             each trial what they believe.
         uses_initial_data: False for methods that ask for initial trials of their own.
+        uses: what a task gives and the method can use, as `problems.knowledge.Knowledge` names it.
         holds_contexts: True for methods that choose and judge points under the contexts of the moment: they
             pass what they choose from through `space.pinned`, or leave the context columns alone.
         searches_codes: False for methods that bring an embedding of their own: they leave embedding and
@@ -142,6 +143,7 @@ class Optimizer(Knowledge[S]):
         """
         ids = self._ledger.ids_of(trials)
         results = check_results(self.problem, len(ids), objective, safety, status)
+        self._refuse_unused(noise)
         known = check_noise(self.problem, noise, len(ids))
         run = None if x is None else self._run_instead(ids, x)
         before = self._ledger.trials.status
@@ -182,6 +184,7 @@ class Optimizer(Knowledge[S]):
         """
         points = check_points("x", x, self.problem.bounds.shape[1])
         check_within(self.problem, points)
+        self._refuse_unused(noise)
         results = check_results(self.problem, len(points), objective, safety, status)
         trials = Trials.pending(
             points,
@@ -198,6 +201,13 @@ class Optimizer(Knowledge[S]):
         self._ledger.append(trials)
         self._fits.forget()
         return trials
+
+    def _refuse_unused(self, noise: ArrayLike | None) -> None:
+        if noise is not None and not self.takes_noise:
+            raise TrialError(
+                f"noise is given, but this search estimates it; set `noise` of {self.problem.name!r}, NaN "
+                "where unknown, for a search that uses what is known"
+            )
 
     # --- model, save and load
 
@@ -217,7 +227,7 @@ class Optimizer(Knowledge[S]):
         if len(self.trials) == 0:
             return False
         some = self.trials[:_FEW_TRIALS]
-        inputs, plain = self.kernel_inputs(some), Optimizer.kernel_inputs(self, some)
+        inputs, plain = self.kernel_inputs(some), self.space.kernel_inputs(self.space.to_unit(some.z))
         return inputs.shape == plain.shape and np.array_equal(inputs, plain)
 
     @one_at_a_time

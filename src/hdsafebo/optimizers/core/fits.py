@@ -14,6 +14,7 @@ import numpy as np
 
 from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior
 from hdsafebo.gp.surrogate import (
+    Beliefs,
     DistanceCache,
     Surrogate,
     SurrogateState,
@@ -22,12 +23,14 @@ from hdsafebo.gp.surrogate import (
     modelled_thresholds,
     with_completion,
 )
+from hdsafebo.gp.warped_surrogate import WarpedState
 from hdsafebo.optimizers.settings import ModelSettings
 from hdsafebo.problem import Problem
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
-Fit = Callable[[SurrogateState | None, DistanceCache], Surrogate]
+State = SurrogateState | WarpedState
+Fit = Callable[[State | None, DistanceCache], Beliefs]
 _COUNTED = ("fits", "jitters", "fallbacks")
 
 
@@ -51,9 +54,9 @@ class Fits:
 
     def __init__(self) -> None:
         self._cache = DistanceCache()
-        self._start: SurrogateState | None = None
-        self._next_start: SurrogateState | None = None
-        self._current: Surrogate | None = None
+        self._start: State | None = None
+        self._next_start: State | None = None
+        self._current: Beliefs | None = None
 
     def copy(self) -> Fits:
         """The same fits, which later calls of either leave as they are."""
@@ -62,7 +65,7 @@ class Fits:
         other._next_start, other._current = self._next_start, self._current
         return other
 
-    def current(self, fit: Fit) -> Surrogate:
+    def current(self, fit: Fit) -> Beliefs:
         """The surrogate of the present data; `fit` makes it from a start and cached distances."""
         if self._current is None:
             self._current = fit(self._start, self._cache)
@@ -98,8 +101,7 @@ class Fits:
     def restore(self, data: dict[str, Any]) -> None:
         """Take back what `to_json` gave."""
         start, next_start = data["start"], data["next_start"]
-        self._start = None if start is None else SurrogateState.from_json(start)
-        self._next_start = None if next_start is None else SurrogateState.from_json(next_start)
+        self._start, self._next_start = _read(start), _read(next_start)
         self._current = None
 
 
@@ -113,7 +115,7 @@ def fit_trials(
     settings: ModelSettings,
     noise: NoisePrior,
     refine: bool,
-    start: SurrogateState | None,
+    start: State | None,
     cache: DistanceCache,
 ) -> Surrogate:
     """The surrogate of some completed trials, and of whether inputs give a result where failures teach.
@@ -130,18 +132,21 @@ def fit_trials(
         start: of the last fit.
         cache: distances of earlier fits.
     """
+    assert not isinstance(start, WarpedState), "the fits of a method are of one kind"
     fitted = trials[rows]
     surrogate = fit_surrogate(
         inputs_of(rows),
         objective,
-        modelled_safety(problem.safety, fitted.safety),
+        modelled_safety(problem.safety, trials.safety[rows]),
         modelled_thresholds(problem.safety),
         start=start,
         cache=cache,
         limits=LengthScaleLimits(settings.shortest_length_scale, settings.longest_length_scale),
         noise=noise,
         refine=refine,
-        known_noise=_known_noise(problem, fitted, np.array_equal(objective, fitted.objective)),
+        known_noise=_known_noise(
+            problem, trials.noise[rows], np.array_equal(objective, trials.objective[rows])
+        ),
     )
     failed = np.flatnonzero(trials.status == Status.FAILED)
     if not problem.failures_teach or len(failed) == 0:
@@ -150,18 +155,24 @@ def fit_trials(
     return with_completion(surrogate, inputs, start)
 
 
-def _known_noise(problem: Problem, trials: Trials, in_units: bool) -> FloatArray:
+def _known_noise(problem: Problem, told: FloatArray, in_units: bool) -> FloatArray:
     """(n, 1 + m') known standard deviations of the objective and the modelled safety functions.
 
     Args:
         problem: of the trials.
-        trials: that are fitted.
+        told: (n, 1 + m) of the trials that are fitted, NaN where nothing was told.
         in_units: the objective is modelled in its own units, which are those of its noise.
     """
-    noise = trials.noise.copy()
+    noise = told.copy()
     if problem.noise is not None:
         noise = np.where(np.isnan(noise), problem.noise, noise)
     if not in_units:
         noise[:, 0] = np.nan
     modelled = [j + 1 for j, s in enumerate(problem.safety) if s.modelled]
     return noise[:, [0, *modelled]]
+
+
+def _read(data: dict[str, Any] | None) -> State | None:
+    if data is None:
+        return None
+    return (WarpedState if "warped" in data else SurrogateState).from_json(data)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.gp.fit import NoisePrior
-from hdsafebo.gp.surrogate import Surrogate
+from hdsafebo.gp.surrogate import Beliefs, DistanceCache, Surrogate
 from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.core.fits import State
 from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.search.region import IMPROVEMENT, TrustRegion, TrustRegionRule, safe_update
 from hdsafebo.trials import Trials
@@ -47,6 +48,10 @@ class LocalSearch(ABC):
             return optimizer.space.kernel_inputs(optimizer.space.to_unit(trials.z))
         return np.asarray(optimizer.problem.features(trials.x), float)
 
+    def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
+        """What is believed given the completed trials `rows`; see `Optimizer.fit`."""
+        return Optimizer.fit(self.optimizer, rows, start, cache)
+
     def targets(self, rows: IntArray) -> FloatArray:
         """(k,) what the objective's process is fitted to, of the completed trials `rows`."""
         return self.trials.objective[rows]
@@ -77,8 +82,10 @@ class LocalSearch(ABC):
 
     @property
     def surrogate(self) -> Surrogate:
-        """What is believed."""
-        return self.optimizer.surrogate
+        """What is believed: isotropic processes."""
+        surrogate = self.optimizer.surrogate
+        assert isinstance(surrogate, Surrogate)
+        return surrogate
 
     @property
     def rng(self) -> np.random.Generator:
@@ -209,6 +216,10 @@ class SearchingOptimizer(Optimizer[S]):
             self._features = np.concatenate([*before, *fresh])
         assert self._features is not None
         return self._features[rows]
+
+    def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
+        """As the search does."""
+        return self.search.fit(rows, start, cache)
 
     @property
     def noise_prior(self) -> NoisePrior:
