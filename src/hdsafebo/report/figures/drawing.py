@@ -73,7 +73,8 @@ def save(figure: Figure, folder: Path) -> list[Picture]:
     import matplotlib
     from PIL import Image
 
-    with matplotlib.rc_context(STYLE):
+    settings: Any = STYLE  # matplotlib types its keys
+    with matplotlib.rc_context(settings):
         canvas, cells = _draw(figure)
         buffer = io.BytesIO()
         canvas.savefig(buffer, format="png", dpi=PNG_DPI, metadata={"Software": None})
