@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from hdsafebo.cli import main
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import write_mapping
 from hdsafebo.session.create import create_session
 from hdsafebo.session.session import Session
 from tests.session.measuring.outlets import Amplifier
@@ -21,7 +22,7 @@ def bench(tmp_path: Path, initial_trials: str, monkeypatch: pytest.MonkeyPatch) 
     """A session whose trigger is a channel, with a running trial; the working directory is its parent."""
     data = small_definition()
     data["emg"]["trigger"] = {"channel": "TRIG", "threshold": 2.5}
-    (tmp_path / "session.yaml").write_text(yaml.safe_dump(data))
+    write_mapping(tmp_path / "session.yaml", data, ParamsError)
     (tmp_path / "initial.csv").write_text(initial_trials)
     session = create_session(
         tmp_path / "s", tmp_path / "session.yaml", who="ann", initial=tmp_path / "initial.csv"
@@ -43,7 +44,7 @@ def amplifier(muscles: list[str]) -> Amplifier:
 
 
 def record(*words: str) -> None:
-    main(["session", "record", "s", "--who", "ann", *words])
+    main(["session", "record", "s", "--who", "ann", "--trial", "133", *words])
 
 
 def deliver_when_asked(monkeypatch: pytest.MonkeyPatch, device: Amplifier, answers: list[str]) -> list[str]:
@@ -78,7 +79,7 @@ def test_a_trial_is_recorded_from_a_stream(bench: Session, monkeypatch: pytest.M
     assert trial.safety == {"score": 7.0}
     np.testing.assert_allclose(trial.details["mu"], 40.0 * np.arange(1, 9) / 800.0)
     kept = Path("trial133.csv").read_bytes()
-    assert bench.store.file(trial.details["recording"]["sha256"]) == kept
+    assert bench.store.attachments.content(trial.details["recording"]["sha256"]) == kept
 
 
 def test_a_recording_outlives_a_record_that_fails(

@@ -92,7 +92,7 @@ class HdSafeBO(Optimizer[HdSafeBOSettings]):
         length = self.region.length
         while True:
             candidates = self.space.pinned(self._candidates(centre, *self._box(centre, length)))  # line 6
-            inputs = self.inputs_of(candidates)
+            inputs = self.inputs_at(candidates)
             safe = self.surrogate.believed_safe(inputs, beta)  # lines 5 and 7
             if safe.sum() >= n or length <= self.settings.length_min or not self.settings.local:
                 break

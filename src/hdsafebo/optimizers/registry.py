@@ -65,6 +65,7 @@ METHODS: dict[str, Method] = {
     "turbo": Method("baselines.turbo", "Turbo"),
     "hesbo": Method("baselines.hesbo", "Hesbo"),
     "baxus": Method("baselines.baxus", "Baxus"),
+    "ars": Method("baselines.ars", "Ars"),
     # controls: the model without a search around the best trial, and no model
     "thompson_rows": Method("controls.thompson_rows", "ThompsonRows"),
     "sobol": Method("controls.sobol", "Sobol"),

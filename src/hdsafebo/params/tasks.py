@@ -39,7 +39,7 @@ class Budget(Block):
         return range(self.first_seed, self.first_seed + self.seeds_of.get(method, self.seeds))
 
 
-class Task(Block):
+class Family(Block):
     """What every family of tasks has.
 
     Attributes:
@@ -74,7 +74,7 @@ class SyntheticProblem(Block):
         return self
 
 
-class SyntheticTask(Task):
+class SyntheticTask(Family):
     """The synthetic task and the methods that run on it."""
 
     problem: SyntheticProblem = SyntheticProblem()
@@ -109,7 +109,7 @@ class HandInformed(Block):
     directions: Count = 12
 
 
-class HandTask(Task):
+class HandTask(Family):
     """The hand in the paper's setting and in the informed one, and the methods that run in both."""
 
     problem: HandProblem = HandProblem()
@@ -141,7 +141,7 @@ class ScsInformed(Block):
     components: Annotated[int, Field(ge=1, le=84)] = 16
 
 
-class ScsTask(Task):
+class ScsTask(Family):
     """The stimulation tasks, one per target muscle and setting (`scs_st`, `scs_st_informed`, ...)."""
 
     problem: ScsProblem = ScsProblem()
@@ -162,7 +162,7 @@ class DigitsProblem(Block):
     threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
 
 
-class DigitsTask(Task):
+class DigitsTask(Family):
     """The tasks `digits_0` ... `digits_9` in both settings (`digits_0_informed`), and their methods."""
 
     problem: DigitsProblem = DigitsProblem()

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import uuid
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from hdsafebo import __version__
 from hdsafebo.session.advice.advisor import Advisor
 from hdsafebo.session.advice.setup import make_search, make_space
 from hdsafebo.session.definition import load_definition, parse_definition
@@ -16,6 +16,8 @@ from hdsafebo.session.log.store import Clock, Store, utc_now
 from hdsafebo.session.measuring.tables import read_table
 from hdsafebo.session.session import Session
 from hdsafebo.session.words import checked_name
+
+_NO_TIME = "1970-01-01T00:00:00+00:00"
 
 
 def create_session(
@@ -52,16 +54,17 @@ def create_session(
         "definition": definition.model_dump(mode="json"),
         "files": {role: {"name": f.name, "sha256": digest(f.content)} for role, f in files.items()},
         "initial": rows,
-        "version": __version__,
+        "version": version("hdsafebo"),
+        "source": str(definition_path.absolute()),
     }
     _rehearse(payload, files)
     store = Store.create(directory, clock)
-    store.append(None, person, [("created", payload)], files=[f.content for f in files.values()])
+    store.append(None, person, "created", payload, [f.content for f in files.values()])
     return Session(store)
 
 
 def _rehearse(payload: dict[str, Any], files: dict[str, NamedFile]) -> None:
     """Set the optimiser up once in memory, so that no session is made whose method cannot work."""
-    _, entry = seal(1, "", "", "created", payload, START)
+    entry = seal(1, _NO_TIME, "nobody", "created", payload, START)
     definition = parse_definition(entry.payload["definition"])
     Advisor(definition, make_search(definition, files)).follow([entry])

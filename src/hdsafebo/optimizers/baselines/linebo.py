@@ -47,7 +47,7 @@ class LineBO(Optimizer[LineBOSettings]):
         """n points of one line."""
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
         line = self.space.pinned(self._line(centre, max(self.settings.candidates, n)))
-        inputs = self.inputs_of(line)
+        inputs = self.inputs_at(line)
         safe = self.surrogate.believed_safe(inputs, self.confidence)
         chosen = np.flatnonzero(safe)
         if len(chosen) > n:

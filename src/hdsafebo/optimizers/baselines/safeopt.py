@@ -71,7 +71,7 @@ class SafeOpt(Optimizer[SafeOptSettings]):
         if rows is None:
             seeds = self.space.pinned(np.clip(self.space.to_unit(self.trials.z[self.feasible]), 0.0, 1.0))
         everything = np.vstack([points, seeds])
-        inputs = self.inputs_of(everything)
+        inputs = self.inputs_at(everything)
         safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
         certified = int(safe[: len(points)].sum())
         safe[len(points) :] = True

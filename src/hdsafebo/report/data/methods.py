@@ -70,6 +70,7 @@ _METHODS = {
     "thompson_rows": MethodStyle("Thompson sampling, all rows", "global", SKY, "X", "dashdot"),
     "turbo": MethodStyle("TuRBO", "embedding", GREEN, "D", "dashdot", needs_threshold=False),
     "hesbo": MethodStyle("HesBO", "embedding", BLUE, "^", "dashed", needs_threshold=False),
+    "ars": MethodStyle("ARS", "free", SKY, "X", "dashed"),
     "baxus": MethodStyle("BAxUS", "embedding", PURPLE, "v", "dotted", needs_threshold=False),
     "hdsafebo_global": MethodStyle("no local search", "ablation", BLUE, "^", "dashed"),
     "hdsafebo_pessimistic": MethodStyle("no optimism", "ablation", GREEN, "D", "dashdot"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from hdsafebo.report.figures.panels import Figure, Panel, plot_style
 
@@ -73,8 +73,7 @@ def save(figure: Figure, folder: Path) -> list[Picture]:
     import matplotlib
     from PIL import Image
 
-    settings: Any = STYLE  # matplotlib types its keys
-    with matplotlib.rc_context(settings):
+    with matplotlib.rc_context(cast(Any, STYLE)):  # Matplotlib types the names of its settings one by one
         canvas, cells = _draw(figure)
         buffer = io.BytesIO()
         canvas.savefig(buffer, format="png", dpi=PNG_DPI, metadata={"Software": None})
