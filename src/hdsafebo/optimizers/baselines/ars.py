@@ -46,6 +46,7 @@ class Ars(Optimizer[ArsSettings]):
     """
 
     name = "ars"
+    uses = frozenset({"latent_space", "safety"})  # of the safety functions, which trials were safe
     Settings = ArsSettings
 
     def prepare(self) -> None:
