@@ -204,8 +204,8 @@ class Optimizer(Knowledge[S]):
     def _refuse_unused(self, noise: ArrayLike | None) -> None:
         if noise is not None and not self.takes_noise:
             raise TrialError(
-                f"noise is given, but this search estimates it; set `noise` of {self.problem.name!r} (NaN where "
-                "unknown) for a search that uses what is known"
+                f"noise is given, but this search estimates it; set `noise` of {self.problem.name!r}, NaN "
+                "where unknown, for a search that uses what is known"
             )
 
     # --- model, save and load

@@ -8,7 +8,7 @@
 | codes of an embedding, or through features | ascents of an isotropic model | `ascents` |
 | the same, where features hide directions | ascents and random steps | `hidden` |
 
-More inputs, `isotropic: true`, known noise and failures that teach are searched by `ascents`. `optimizer` makes
+More inputs, `isotropic: true`, known noise and failures that teach are left to `ascents`. `optimizer` makes
 the search once and asks it; `base` says what every search provides. Single trials of `ascents` and `hidden`
 climb one top after another (`restarts`). The parts of `constrained` are `constrained_batch`,
 `constrained_ascent` and `expectations`; those of the others `caution`, `recombination` and `row_regions`.
