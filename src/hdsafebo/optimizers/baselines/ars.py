@@ -46,11 +46,10 @@ class Ars(Optimizer[ArsSettings]):
     """
 
     name = "ars"
-    uses = frozenset({"latent_space", "safety"})  # of the safety functions, which trials were safe
     Settings = ArsSettings
 
     def prepare(self) -> None:
-        """No policy yet."""
+        """No policy before the first round."""
         self._policy: FloatArray | None = None
 
     def propose(self, n: int) -> Proposal:
