@@ -226,6 +226,21 @@ def _load_synergies(path: Path) -> object:
     return load_synergies(path, HAND)
 
 
+def _policy(path: Path) -> None:
+    from hdsafebo.policies.affine import Normalisation, PolicySpace
+    from hdsafebo.policies.policy_file import save_policy
+
+    ends, none = np.ones(2), Normalisation.none(3)
+    space = PolicySpace(-ends, ends, 0 * ends, ends, none, (2,), (3,))
+    save_policy(path, space.policy(np.arange(8.0)), "Point-v0")
+
+
+def _load_policy(path: Path) -> object:
+    from hdsafebo.policies.policy_file import load_policy
+
+    return load_policy(path)
+
+
 def _moment(path: Path) -> None:
     from hdsafebo.hand.reference import save_moment
 
@@ -359,6 +374,7 @@ ENTRANCES = {
         "data/spinal/traversal.json", *_input("data/spinal/traversal.json", {"seconds": 1.0})
     ),
     "synergies": Entrance("synergies.safetensors", _synergies, _load_synergies),
+    "policy": Entrance("policy.safetensors", _policy, _load_policy),
     "observations": Entrance("observations.safetensors", _moment, _load_moment),
     "digits": Entrance("train-images-idx3-ubyte", _digits, _load_digits),
     "digit predictor": Entrance("predictor.safetensors", _predictor, _load_predictor),

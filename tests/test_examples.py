@@ -38,8 +38,8 @@ def test_own_black_box_improves_safely_and_resumes(project_root: Path, tmp_path:
     assert optimizer.feasible[done].sum() / done.sum() >= 0.9
     start = trials.objective[trials.initial & optimizer.feasible].max()
     best = optimizer.best()
-    assert best.objective[0] > start + 5.0
-    assert (best.safety[0] < 1.0).any(), "a limit binds"
+    assert best.objective > start + 5.0
+    assert (best.safety < 1.0).any(), "a limit binds"
 
 
 def load_named(root: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
@@ -139,3 +139,27 @@ def test_comparison_runs_two_methods_and_an_experiment(project_root: Path, tmp_p
     assert table["method"].tolist() == ["hdsafebo", "sobol", "hdsafebo"]
     assert table["beta"].fillna("none").tolist() == ["2.0", "none", "0.0"]
     assert table[["objective", "safety", "violation"]].notna().all().all()
+
+
+def test_any_environment_is_searched_and_filmed(
+    project_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    example = load(project_root, "any_environment")
+    arguments = ["Pendulum-v1", "--steps", "30", "--least-steps", "30", "--initial", "8", "--trials", "12"]
+    example.main([*arguments, "--out", str(tmp_path)])
+    said = capsys.readouterr().out
+    assert "Pendulum-v1: 4 weights" in said
+    assert said.count("best safe return") == 3
+    assert "safe 100.0 %" in said
+    assert "return with seeds that no trial met" in said
+    assert (tmp_path / "Pendulum-v1.safetensors").exists()
+    assert (tmp_path / "Pendulum-v1.mp4").exists() or "no video" in said
+
+
+def test_a_mistaken_environment_ends_with_a_message(
+    project_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        load(project_root, "any_environment").main(["CartPole-v1", "--out", str(tmp_path)])
+    assert ended.value.code == 2
+    assert "action space of 'CartPole-v1' is Discrete; expected a Box" in capsys.readouterr().err

@@ -26,6 +26,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hdsafebo.environments import register_with_gymnasium
+
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
@@ -45,7 +47,16 @@ if TYPE_CHECKING:
     from hdsafebo.optimizers.hdsafebo import HdSafeBO
     from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
     from hdsafebo.optimizers.registry import load_optimizer, make_optimizer
-    from hdsafebo.problem import FunctionProblem, Problem, Safety
+    from hdsafebo.policies import (
+        AffinePolicy,
+        EpisodeSafety,
+        GymnasiumPolicies,
+        budget,
+        gaussian_design,
+        lasts,
+        survives,
+    )
+    from hdsafebo.problem import FunctionProblem, LinearFeatures, Problem, Safety
     from hdsafebo.session.create import create_session
     from hdsafebo.session.session import Session
     from hdsafebo.system.constraints import Linear
@@ -56,16 +67,20 @@ if TYPE_CHECKING:
     from hdsafebo.trials import Evaluation, Status, Trials
 
 __all__ = [
+    "AffinePolicy",
     "Choice",
+    "EpisodeSafety",
     "Evaluation",
     "Fixed",
     "FunctionProblem",
+    "GymnasiumPolicies",
     "HdSafeBO",
     "HdSafeBOError",
     "HdSafeBOLocal",
     "Integer",
     "Limit",
     "Linear",
+    "LinearFeatures",
     "NoSafePointError",
     "Objective",
     "OptimisticWarning",
@@ -84,10 +99,14 @@ __all__ = [
     "TrialError",
     "Trials",
     "UnknownNameError",
+    "budget",
     "create_session",
+    "gaussian_design",
+    "lasts",
     "load_optimizer",
     "make_optimizer",
     "plots",
+    "survives",
 ]
 
 _MODULES = {
@@ -104,7 +123,19 @@ _MODULES |= dict.fromkeys(("load_optimizer", "make_optimizer"), "hdsafebo.optimi
 _MODULES |= dict.fromkeys(
     (name for name in __all__ if name.endswith(("Error", "Warning"))), "hdsafebo.errors"
 )
-_MODULES |= dict.fromkeys(("FunctionProblem", "Problem", "Safety"), "hdsafebo.problem")
+_MODULES |= dict.fromkeys(("FunctionProblem", "LinearFeatures", "Problem", "Safety"), "hdsafebo.problem")
+_MODULES |= dict.fromkeys(
+    (
+        "AffinePolicy",
+        "EpisodeSafety",
+        "GymnasiumPolicies",
+        "budget",
+        "gaussian_design",
+        "lasts",
+        "survives",
+    ),
+    "hdsafebo.policies",
+)
 _MODULES |= dict.fromkeys(("Evaluation", "Status", "Trials"), "hdsafebo.trials")
 _MODULES |= dict.fromkeys(("Limit", "Objective"), "hdsafebo.system.outcomes")
 _MODULES |= dict.fromkeys(("Choice", "Fixed", "Integer", "Real"), "hdsafebo.system.parameters")
@@ -122,3 +153,6 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """The public names, loaded or not."""
     return sorted({*globals(), *__all__})
+
+
+register_with_gymnasium()

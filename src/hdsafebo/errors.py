@@ -59,6 +59,10 @@ class HandModelError(HdSafeBOError):
     """The musculoskeletal model, its start pose, its synergies or a policy do not fit each other."""
 
 
+class PolicyFileError(HdSafeBOError):
+    """A policy file is missing or damaged, or belongs to another environment or problem."""
+
+
 class RenderingUnavailableError(HdSafeBOError):
     """No OpenGL renderer is on this machine; the message says what to install."""
 

@@ -72,6 +72,7 @@ class Safety:
             )
 
 
+@runtime_checkable
 class Codec(Protocol):
     """What an optimiser needs of an embedding."""
 
@@ -88,6 +89,14 @@ class MovingCodec(Codec, Protocol):
 
     def moved(self, z: FloatArray, /) -> NDArray[np.bool_]:
         """(n,) True for codes whose decoded input was moved."""
+
+
+@runtime_checkable
+class LinearCodec(Codec, Protocol):
+    """An affine codec that says what becomes of a linear map, so that no method has to find out."""
+
+    def compose(self, matrix: FloatArray, /) -> FloatArray:
+        """(p, d) the linear map of codes that (p, D) `matrix` is of decoded inputs."""
 
 
 class CandidateSet(Protocol):
@@ -115,6 +124,24 @@ class ContextualSet(CandidateSet, Protocol):
         """(n, p) kernel inputs of any (n, D) inputs, under whatever contexts they were tried."""
 
 
+@dataclass(frozen=True)
+class LinearFeatures:
+    """Features k = A x + c that state their matrix, so that no method has to find it with D unit vectors.
+
+    Attributes:
+        matrix: (p, D) A.
+        offset: (p,) c; None means 0.
+    """
+
+    matrix: FloatArray
+    offset: FloatArray | None = None
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """(n, p) features of (n, D) inputs."""
+        values = np.asarray(x, float) @ self.matrix.T
+        return values if self.offset is None else values + self.offset
+
+
 class Problem(ABC):
     """An objective to maximise under safety functions, over a box or a finite set of inputs.
 
@@ -124,7 +151,8 @@ class Problem(ABC):
         safety: the safety functions, in the order of the columns of `Evaluation.safety`.
         candidates: the finite set of inputs when not every point of the box can be evaluated.
         features: affine map from inputs (n, D) to kernel inputs (n, p), when distances between
-            inputs say little; None uses the searched space itself.
+            inputs say little; None uses the searched space itself. In many dimensions a `LinearFeatures`,
+            which states its matrix, saves time and memory.
         optimum: best safe objective when it is known (used in reports only).
         depends_on_history: results depend on what was evaluated before (as those of a function that is
             drawn while it is looked at), so that a resumed run must evaluate all of it again.
@@ -215,6 +243,12 @@ def check_problem(problem: Problem) -> None:
         )
     if not any(s.modelled for s in problem.safety):
         raise ProblemError(f"problem {problem.name!r} has no modelled safety function; expected at least one")
+    matrix = getattr(problem.features, "matrix", None)
+    if matrix is not None and (np.ndim(matrix) != 2 or np.shape(matrix)[1] != bounds.shape[1]):
+        raise ProblemError(
+            f"features of {problem.name!r} have a matrix of shape {np.shape(matrix)}; "
+            f"expected (p, {bounds.shape[1]})"
+        )
     names = [s.name for s in problem.safety]
     if len(set(names)) != len(names):
         raise ProblemError(f"safety functions of {problem.name!r} have repeated names {names}")

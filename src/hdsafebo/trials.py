@@ -32,16 +32,39 @@ class Evaluation:
         objective: (n,) values to maximise; ignored where `failed`.
         safety: (n, m) one column per safety function of the problem; ignored where `failed`.
         failed: (n,) True where the evaluation gave no result; None means that all succeeded.
+        reasons: n reasons why an evaluation gave no result, None where it gave one; None means that the
+            problem gives no reasons.
     """
 
     objective: FloatArray
     safety: FloatArray
     failed: NDArray[np.bool_] | None = None
+    reasons: tuple[str | None, ...] | None = None
 
     def status(self) -> NDArray[np.uint8]:
         """(n,) `Status.COMPLETED` or `Status.FAILED`."""
         failed = np.zeros(len(self.objective), bool) if self.failed is None else np.asarray(self.failed, bool)
         return np.where(failed, np.uint8(Status.FAILED), np.uint8(Status.COMPLETED))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial: a row of `Trials`, numbers instead of columns."""
+
+    id: int
+    x: FloatArray
+    z: FloatArray
+    candidate: int
+    objective: float
+    safety: FloatArray
+    status: Status
+    initial: bool
+    round: int
+    predicted_safe_probability: float
+    violation_bound: float
+    trust_region_length: float
+    marked_unsafe: bool
+    noise: FloatArray
 
 
 @dataclass(frozen=True, repr=False)
@@ -108,7 +131,14 @@ class Trials:
 
     def __getitem__(self, rows: NDArray[np.bool_] | IntArray | slice | Sequence[int]) -> Trials:
         """The sub-table of the given rows (a mask, a slice or row numbers)."""
-        return Trials(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        columns = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "z"}
+        return Trials(**columns, z=columns["x"] if self.z is self.x else self.z[rows])
+
+    def one(self, row: int) -> Trial:
+        """The trial of a row."""
+        values = {f.name: getattr(self, f.name)[row] for f in fields(self)}
+        plain = {name: value.item() for name, value in values.items() if value.ndim == 0}
+        return Trial(**(values | plain | {"status": Status(int(values["status"]))}))
 
     def append(self, other: Trials) -> Trials:
         """This table followed by `other`; both have the same D, d and m."""

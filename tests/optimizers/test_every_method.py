@@ -76,7 +76,10 @@ def advance(optimizer: Optimizer, n: int, rounds: int = 1) -> Trials:
 
 
 def make(name: str, problem: FunctionProblem, *, seed: int = 0, initial: int = 12, **more) -> Optimizer:
-    """A method with its initial data, from outside or its own."""
+    """A method with its initial data, from outside or its own; it marks what it does not believe safe."""
+    kind, fixed = method_class(name)
+    if issubclass(kind.Settings, CentreSettings) and fixed.get("start") != "centre":
+        more.setdefault("empty_safe_set", "mark")
     optimizer = make_optimizer(
         name, problem, seed=seed, **SMALL.get(METHODS[name].module.rpartition(".")[2], {}), **more
     )

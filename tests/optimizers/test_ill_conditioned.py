@@ -9,6 +9,7 @@ import pytest
 from ill_conditioned import INPUTS, OUTCOMES, hard_inputs, hard_outcomes
 
 from hdsafebo.errors import NoSafePointError, SurrogateError
+from hdsafebo.gp.warped_surrogate import WarpedSurrogate
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.optimizers.registry import make_optimizer
 from hdsafebo.problem import FunctionProblem, Safety
@@ -48,7 +49,11 @@ def check_believed_safe_or_marked(optimizer: Optimizer, trials: Trials) -> None:
     assert np.isfinite(deviation).all()
     for column in ("x", "z", "predicted_safe_probability", "violation_bound"):
         assert np.isfinite(getattr(trials, column)).all(), column
-    slack = (mean + beta * deviation - surrogate.thresholds) / [g.signal_deviation for g in surrogate.safety]
+    if isinstance(surrogate, WarpedSurrogate):  # whose bounds are those of warped values
+        slack = surrogate.slack(optimizer.kernel_inputs(trials), beta)[:, None]
+    else:
+        scale = [g.signal_deviation for g in surrogate.safety]
+        slack = (mean + beta * deviation - surrogate.thresholds) / scale
     # Far from zero a proposed point is rounded, by more than nothing in units of the length scale.
     rounding = np.finfo(float).eps * np.abs(trials.z).max(axis=1) / optimizer.space.width.max()
     tolerance = 1e-3 + 20 * rounding / surrogate.length_scale

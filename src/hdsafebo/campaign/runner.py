@@ -82,6 +82,7 @@ class _Run:
 
     def __init__(self, spec: RunSpec, params: Params, task: Task, journal: RunJournal) -> None:
         method = params.methods[spec.method]
+        settings = settings_of(params, spec.task, spec.method)
         self.problem: Problem = task.problem
         self.budget = budget_of(params, spec.task)
         self.journal = journal
@@ -89,7 +90,6 @@ class _Run:
         self.initial, self.candidate = self.problem.initial(self.budget.initial, spec.initial_rng())
         latent = method.space == "latent" and task.embedding is not None
         embedding = task.embedding(self.initial) if latent and task.embedding is not None else None
-        settings = settings_of(params, spec.task, spec.method)
         self.space: Space = "latent" if latent else "original"
         state = journal.state
         self.saved_rounds = 0 if state is None else state[0] + 1

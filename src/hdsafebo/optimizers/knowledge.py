@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import NoSafePointError
 from hdsafebo.gp.fit import NoisePrior
-from hdsafebo.gp.surrogate import DistanceCache, Surrogate, SurrogateState
+from hdsafebo.gp.surrogate import Beliefs, DistanceCache
 from hdsafebo.optimizers.core.contexts import check_able, in_context, novel_beta
-from hdsafebo.optimizers.core.fits import FitCounts, Fits, fit_trials
+from hdsafebo.optimizers.core.fits import FitCounts, Fits, State, fit_trials
 from hdsafebo.optimizers.core.ledger import Ledger
 from hdsafebo.optimizers.core.nearest_trials import rows_near_best
 from hdsafebo.optimizers.core.proposal import Proposal
@@ -29,7 +29,7 @@ from hdsafebo.optimizers.settings import (
 )
 from hdsafebo.problem import Codec, ContextualSet, Problem, check_problem
 from hdsafebo.search.space import SearchSpace
-from hdsafebo.trials import Trials
+from hdsafebo.trials import Trial, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
 S = TypeVar("S", bound=OptimizerSettings)
@@ -120,6 +120,10 @@ class Knowledge(ABC, Generic[S]):
         """(n, p) what the kernel measures distances between, for the points of `trials`."""
         return self.space.kernel_inputs(self.space.to_unit(trials.z))
 
+    def inputs_of(self, rows: IntArray) -> FloatArray:
+        """(k, p) `kernel_inputs` of the given rows of `trials`."""
+        return self.kernel_inputs(self.trials[rows])
+
     @property
     def noise_prior(self) -> NoisePrior:
         """What is known beforehand of the noise of all functions."""
@@ -135,7 +139,7 @@ class Knowledge(ABC, Generic[S]):
 
     def rows_to_fit(self) -> IntArray:
         """Rows of the completed trials that the surrogate is fitted to: all, or those near the best."""
-        return rows_near_best(self._ledger, self.kernel_inputs, self.model_settings.max_fitted_trials)
+        return rows_near_best(self._ledger, self.inputs_of, self.model_settings.max_fitted_trials)
 
     def begin_day(self, day: int, earlier: IntArray | None = None) -> None:
         """Trials from now on are of another day, between which outcomes drift.
@@ -150,6 +154,11 @@ class Knowledge(ABC, Generic[S]):
         return mean, deviation
 
     # --- what is promised
+
+    @property
+    def takes_noise(self) -> bool:
+        """Whether noise that is known of single trials is used."""
+        return True
 
     @property
     def confidence(self) -> float:
@@ -187,10 +196,10 @@ class Knowledge(ABC, Generic[S]):
         """(n,) True for completed trials whose every safety value meets its threshold."""
         return self._ledger.feasible
 
-    def best(self) -> Trials | None:
-        """The feasible trial with the highest objective, as a table of one row; None when there is none."""
+    def best(self) -> Trial | None:
+        """The feasible trial with the highest objective; None when there is none."""
         row = self._ledger.best_row(self.feasible)
-        return None if row is None else self.trials[[row]]
+        return None if row is None else self.trials.one(row)
 
     def centre_row(self) -> int:
         """Row of x* of Algorithm 1, the best feasible trial; without one, that of the least violation.
@@ -260,7 +269,7 @@ class Knowledge(ABC, Generic[S]):
 
     @property
     @one_at_a_time
-    def surrogate(self) -> Surrogate:
+    def surrogate(self) -> Beliefs:
         """Gaussian processes fitted to the completed trials; reading it does not change later proposals.
 
         Raises:
@@ -269,15 +278,28 @@ class Knowledge(ABC, Generic[S]):
         """
         return self._fits.current(self._fit)
 
-    def _fit(self, start: SurrogateState | None, cache: DistanceCache) -> Surrogate:
+    def _fit(self, start: State | None, cache: DistanceCache) -> Beliefs:
         rows = self.rows_to_fit()
         if len(rows) == 0:
             raise NoSafePointError(f"{self.name} has no completed trial to fit; report data with observe")
+        return self.fit(rows, start, cache)
+
+    def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
+        """What is believed given the completed trials `rows`.
+
+        Args:
+            rows: at least one.
+            start: where the last fit ended.
+            cache: distances of earlier fits.
+
+        Raises:
+            SurrogateError: no process could be fitted.
+        """
         return fit_trials(
             self.problem,
             self.trials,
             rows,
-            kernel_inputs=self.kernel_inputs,
+            inputs_of=self.inputs_of,
             objective=self.outcomes_to_fit(rows),
             settings=self.model_settings,
             noise=self.noise_prior,

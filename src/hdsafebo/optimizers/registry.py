@@ -56,6 +56,7 @@ METHODS: dict[str, Method] = {
     "turbo": Method("baselines.turbo", "Turbo"),
     "hesbo": Method("baselines.hesbo", "Hesbo"),
     "baxus": Method("baselines.baxus", "Baxus"),
+    "ars": Method("baselines.ars", "Ars"),
     # controls without a model
     "sobol": Method("controls.sobol", "Sobol"),
     "local_random": Method("controls.local_random", "LocalRandom"),

@@ -39,7 +39,7 @@ class Budget(Block):
         return range(self.first_seed, self.first_seed + self.seeds_of.get(method, self.seeds))
 
 
-class Task(Block):
+class Family(Block):
     """What every family of tasks has.
 
     Attributes:
@@ -74,7 +74,7 @@ class SyntheticProblem(Block):
         return self
 
 
-class SyntheticTask(Task):
+class SyntheticTask(Family):
     """The synthetic task and the methods that run on it."""
 
     problem: SyntheticProblem = SyntheticProblem()
@@ -101,7 +101,7 @@ class HandProblem(Block):
     directions: Count = 12
 
 
-class HandTask(Task):
+class HandTask(Family):
     """The hand task and the methods that run on it."""
 
     problem: HandProblem = HandProblem()
@@ -121,7 +121,7 @@ class ScsProblem(Block):
     side: Literal["left", "right"] = "left"
 
 
-class ScsTask(Task):
+class ScsTask(Family):
     """The stimulation tasks, one per target muscle (`scs_st`, `scs_ga`, ...)."""
 
     problem: ScsProblem = ScsProblem()
@@ -143,7 +143,7 @@ class DigitsProblem(Block):
     threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
 
 
-class DigitsTask(Task):
+class DigitsTask(Family):
     """The ten tasks `digits_0` ... `digits_9` and the methods that run on them."""
 
     problem: DigitsProblem = DigitsProblem()

@@ -37,6 +37,7 @@ from hdsafebo.report.sections.experiments import (
     synthetic_section,
 )
 from hdsafebo.report.sections.hand import hand_section
+from hdsafebo.report.sections.outside import outside_section
 from hdsafebo.report.tables.results import Cell, Table
 from hdsafebo.runs.series import METRICS
 
@@ -79,7 +80,7 @@ def build_report(
     inputs = read_inputs(root, safety_threshold=safety_threshold, field_map=field_map)
     claims = paper_claims(results, inputs.isometry, inputs.stimulation)
     leaders = _leaders(results)
-    sections = _sections(results, inputs, isometry_points)
+    sections = _sections(results, inputs, isometry_points, root)
     folder = root / "reports" if output is None else output
     for name in ("figures", "tables", "curves"):
         (folder / name).mkdir(parents=True, exist_ok=True)
@@ -97,7 +98,7 @@ def build_report(
     return content
 
 
-def _sections(results: Results, inputs: Inputs, isometry_points: int | None) -> list[Section]:
+def _sections(results: Results, inputs: Inputs, isometry_points: int | None, root: Path) -> list[Section]:
     return [
         Section("workflow", "The algorithm", "Figure 1", [workflow_figure()]),
         synthetic_section(results),
@@ -106,6 +107,7 @@ def _sections(results: Results, inputs: Inputs, isometry_points: int | None) -> 
         stimulation_section(results, inputs),
         embedding_section(inputs, isometry_points),
         digits_section(results),
+        outside_section(root),
         safety_section(results),
         runtime_section(results),
         clinical_section(),

@@ -128,12 +128,12 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_single_trials_climb_the_other_hill_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    several = climb_hills(0)
+    several = climb_hills(3)
     assert several.trials.objective.max() == pytest.approx(1.5, abs=0.01)
     assert climbs_of(several).tops
     assert not several.trials.marked_unsafe.any()
     monkeypatch.setattr("hdsafebo.optimizers.local.restarts.PATIENCE", 1000)
-    once = climb_hills(0)
+    once = climb_hills(3)
     assert once.trials.objective.max() == pytest.approx(1.0, abs=0.01)
     assert (climbs_of(once).search.since, climbs_of(once).tops) == (0, ())
 
@@ -188,8 +188,10 @@ def test_an_ask_that_fails_begins_no_climb(monkeypatch: pytest.MonkeyPatch) -> N
     assert len(begun) > 1
 
 
-def test_restarts_of_a_candidate_set_are_refused() -> None:
-    with pytest.raises(ParamsError, match="'restarts' is of continuous spaces; 'bowl' has a finite"):
+def test_restarts_are_refused_where_no_search_has_them() -> None:
+    with pytest.raises(ParamsError, match=r"'restarts' is of .*; 'bowl' has a finite candidate set"):
         HdSafeBOLocal(rows_problem(), restarts={"beta": 0.0})
+    with pytest.raises(ParamsError, match=r"'restarts' is of .*; 'bowl' is searched without"):
+        HdSafeBOLocal(bowl_problem(), restarts={"beta": 0.0})
     with pytest.raises(ParamsError, match=r"unknown setting 'restarts.jump'; valid settings: beta$"):
         HdSafeBOLocal(bowl_problem(), restarts={"jump": 0.0})

@@ -89,7 +89,7 @@ class CeiProb(Optimizer[SafeSetSettings]):
         """(n, d) points, each given the believed outcomes of those before it."""
         d = self.space.dimension
         feasible = self.best()
-        best = None if feasible is None else float(feasible.objective[0])
+        best = None if feasible is None else float(feasible.objective)
         for point in self._waiting():
             processes, best = _believing(processes, point, best)
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]]), 0.0, 1.0)
@@ -137,7 +137,7 @@ class Cei(CeiProb):
         """The best feasible outcome; without one a value below all that was observed, as in BoTorch."""
         best = self.best()
         if best is not None:
-            return float(best.objective[0])
+            return float(best.objective)
         observed = self.trials.objective[self.trials.completed]
         return float(observed.min() - (observed.max() - observed.min() or 1.0))
 
@@ -195,6 +195,15 @@ def default_models(processes: list[ArdProcess]) -> ModelListGP:
     return ModelListGP(*models)
 
 
+def _outcome(j: int, sign: float = 1.0) -> Callable[..., Any]:
+    """Of BoTorch's samples the outcome j; its constraints are met below 0, ours from 0 up."""
+
+    def chosen(samples: Any, X: Any = None) -> Any:
+        return sign * samples[..., j]
+
+    return chosen
+
+
 def _improve_batch(
     processes: list[ArdProcess], greedy: FloatArray, pending: FloatArray, best: float, seed: int
 ) -> FloatArray:
@@ -212,8 +221,8 @@ def _improve_batch(
             default_models(processes),
             best_f=best,
             sampler=SobolQMCNormalSampler(torch.Size([_MC_SAMPLES]), seed=seed),
-            objective=GenericMCObjective(lambda samples, X=None: samples[..., 0]),
-            constraints=[lambda samples, j=j: -samples[..., j] for j in range(1, len(processes))],
+            objective=GenericMCObjective(_outcome(0)),
+            constraints=[_outcome(j, -1.0) for j in range(1, len(processes))],
             X_pending=torch.from_numpy(pending) if len(pending) else None,
         )
         box = torch.stack([torch.zeros(d, dtype=torch.double), torch.ones(d, dtype=torch.double)])

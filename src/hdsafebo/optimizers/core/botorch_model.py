@@ -5,23 +5,62 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hdsafebo.gp.gaussian_process import GaussianProcess
-from hdsafebo.gp.surrogate import Surrogate
+from hdsafebo.gp.surrogate import Beliefs
+from hdsafebo.gp.warped_process import WarpedProcess
+from hdsafebo.gp.warped_surrogate import WarpedSurrogate
 from hdsafebo.search.space import SearchSpace
 
 if TYPE_CHECKING:
     from botorch.models import ModelListGP, SingleTaskGP
 
+_LEAST_NOISE = 1e-10
+"""Noise variance of standardised outcomes that GPyTorch would otherwise round up to 1e-6."""
 
-def to_botorch(surrogate: Surrogate, space: SearchSpace | None) -> ModelListGP:
+
+def to_botorch(surrogate: Beliefs, space: SearchSpace | None) -> ModelListGP:
     """A `ModelListGP` with the surrogate's data and hyper-parameters, and so its posterior.
+
+    Warped processes have their warp as outcome transform; their posteriors have the mean and variance of the
+    outcome, and samples of it.
 
     Args:
         surrogate: the fitted processes: objective, then safety functions.
-        space: when given, inputs of the model are codes z instead of kernel inputs.
+        space: when given, inputs of isotropic models are codes z instead of kernel inputs.
     """
     from botorch.models import ModelListGP
 
+    if isinstance(surrogate, WarpedSurrogate):
+        return ModelListGP(*(_warped(process) for process in (surrogate.objective, *surrogate.safety)))
     return ModelListGP(*(_single(gp, space) for gp in (surrogate.objective, *surrogate.safety)))
+
+
+def _warped(process: WarpedProcess) -> SingleTaskGP:
+    """One warped process; its inputs lie in the unit cube."""
+    import torch
+    from botorch.models import SingleTaskGP
+    from botorch.settings import validate_input_scaling
+    from gpytorch.kernels import MaternKernel, ScaleKernel
+    from gpytorch.means import ConstantMean
+    from gpytorch.settings import min_fixed_noise
+
+    from hdsafebo.optimizers.core.botorch_warp import WarpedOutcome
+
+    inputs = process.inputs
+    outcomes = torch.from_numpy(process.outcomes.restore(process.values))[:, None]
+    noise = torch.full_like(outcomes, process.noise_variance + process.jitter * process.variance)
+    with validate_input_scaling(False), min_fixed_noise(double_value=_LEAST_NOISE):
+        model = SingleTaskGP(
+            torch.from_numpy(inputs),
+            outcomes,
+            train_Yvar=noise,
+            mean_module=ConstantMean(),
+            covar_module=ScaleKernel(MaternKernel(nu=2.5, ard_num_dims=inputs.shape[1])),
+            outcome_transform=WarpedOutcome(process.outcomes),
+        ).double()
+    model.mean_module.constant = process.mean
+    model.covar_module.outputscale = process.variance
+    model.covar_module.base_kernel.lengthscale = torch.from_numpy(process.length_scales)
+    return model.eval()
 
 
 def _single(gp: GaussianProcess, space: SearchSpace | None) -> SingleTaskGP:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from hdsafebo.errors import NoSafePointError
-from hdsafebo.gp.surrogate import Surrogate
+from hdsafebo.gp.surrogate import Beliefs
 from hdsafebo.optimizers.settings import EmptySafeSet
 from hdsafebo.typing import FloatArray, IntArray
 
 
 def complete_batch(
-    chosen: IntArray, n: int, inputs: FloatArray, surrogate: Surrogate, policy: EmptySafeSet
+    chosen: IntArray, n: int, inputs: FloatArray, surrogate: Beliefs, policy: EmptySafeSet
 ) -> IntArray:
     """Rows for a batch of n: those chosen from the safe set, and what the policy adds to them.
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior
 from hdsafebo.gp.surrogate import (
+    Beliefs,
     DistanceCache,
     Surrogate,
     SurrogateState,
@@ -22,12 +23,14 @@ from hdsafebo.gp.surrogate import (
     modelled_thresholds,
     with_completion,
 )
+from hdsafebo.gp.warped_surrogate import WarpedState
 from hdsafebo.optimizers.settings import ModelSettings
 from hdsafebo.problem import Problem
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
-Fit = Callable[[SurrogateState | None, DistanceCache], Surrogate]
+State = SurrogateState | WarpedState
+Fit = Callable[[State | None, DistanceCache], Beliefs]
 _COUNTED = ("fits", "jitters", "fallbacks")
 
 
@@ -51,9 +54,9 @@ class Fits:
 
     def __init__(self) -> None:
         self._cache = DistanceCache()
-        self._start: SurrogateState | None = None
-        self._next_start: SurrogateState | None = None
-        self._current: Surrogate | None = None
+        self._start: State | None = None
+        self._next_start: State | None = None
+        self._current: Beliefs | None = None
 
     def copy(self) -> Fits:
         """The same fits, which later calls of either leave as they are."""
@@ -62,7 +65,7 @@ class Fits:
         other._next_start, other._current = self._next_start, self._current
         return other
 
-    def current(self, fit: Fit) -> Surrogate:
+    def current(self, fit: Fit) -> Beliefs:
         """The surrogate of the present data; `fit` makes it from a start and cached distances."""
         if self._current is None:
             self._current = fit(self._start, self._cache)
@@ -98,8 +101,7 @@ class Fits:
     def restore(self, data: dict[str, Any]) -> None:
         """Take back what `to_json` gave."""
         start, next_start = data["start"], data["next_start"]
-        self._start = None if start is None else SurrogateState.from_json(start)
-        self._next_start = None if next_start is None else SurrogateState.from_json(next_start)
+        self._start, self._next_start = _read(start), _read(next_start)
         self._current = None
 
 
@@ -108,12 +110,12 @@ def fit_trials(
     trials: Trials,
     rows: IntArray,
     *,
-    kernel_inputs: Callable[[Trials], FloatArray],
+    inputs_of: Callable[[IntArray], FloatArray],
     objective: FloatArray,
     settings: ModelSettings,
     noise: NoisePrior,
     refine: bool,
-    start: SurrogateState | None,
+    start: State | None,
     cache: DistanceCache,
 ) -> Surrogate:
     """The surrogate of some completed trials, and of whether inputs give a result where failures teach.
@@ -122,7 +124,7 @@ def fit_trials(
         problem: of the trials.
         trials: all of them.
         rows: (k,) the completed ones to fit.
-        kernel_inputs: (n, p) what the kernel measures distances between.
+        inputs_of: gives the (k, p) kernel inputs of rows: what the kernel measures distances between.
         objective: (k,) what the objective's process is fitted to.
         settings: limits of the length scales.
         noise: prior of the noise.
@@ -130,9 +132,10 @@ def fit_trials(
         start: of the last fit.
         cache: distances of earlier fits.
     """
+    assert not isinstance(start, WarpedState), "the fits of a method are of one kind"
     fitted = trials[rows]
     surrogate = fit_surrogate(
-        kernel_inputs(fitted),
+        inputs_of(rows),
         objective,
         modelled_safety(problem.safety, fitted.safety),
         modelled_thresholds(problem.safety),
@@ -143,10 +146,10 @@ def fit_trials(
         refine=refine,
         known_noise=_known_noise(problem, fitted, np.array_equal(objective, fitted.objective)),
     )
-    failed = trials[trials.status == Status.FAILED]
+    failed = np.flatnonzero(trials.status == Status.FAILED)
     if not problem.failures_teach or len(failed) == 0:
         return surrogate
-    inputs = np.concatenate([surrogate.inputs, kernel_inputs(failed)])
+    inputs = np.concatenate([surrogate.inputs, inputs_of(failed)])
     return with_completion(surrogate, inputs, start)
 
 
@@ -165,3 +168,9 @@ def _known_noise(problem: Problem, trials: Trials, in_units: bool) -> FloatArray
         noise[:, 0] = np.nan
     modelled = [j + 1 for j, s in enumerate(problem.safety) if s.modelled]
     return noise[:, [0, *modelled]]
+
+
+def _read(data: dict[str, Any] | None) -> State | None:
+    if data is None:
+        return None
+    return (WarpedState if "warped" in data else SurrogateState).from_json(data)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import TrialError
+from hdsafebo.optimizers.core.growing import GrowingRows
 from hdsafebo.optimizers.core.results import Results
 from hdsafebo.problem import Problem
 from hdsafebo.trials import Status, Trials
@@ -26,6 +27,7 @@ class Ledger:
         self._binding = np.array([s.modelled or s.reported for s in problem.safety])
         self._thresholds = np.array([s.threshold for s in problem.safety])
         self._names = [s.name for s in problem.safety]
+        self._x, self._z = GrowingRows(), GrowingRows()
         empty = np.empty((0, problem.bounds.shape[1]))
         self.trials = Trials.pending(empty, np.empty((0, code_dimension)), len(problem.safety))
 
@@ -35,7 +37,15 @@ class Ledger:
     def append(self, trials: Trials) -> None:
         """Add a copy of trials whose ids continue the table's."""
         table = self.trials if len(self.trials) else trials[:0]  # the first trials settle the length of codes
-        self.trials = table.append(trials)
+        columns = {
+            f.name: np.concatenate([getattr(table, f.name), getattr(trials, f.name)])
+            for f in fields(Trials)
+            if f.name not in ("x", "z")
+        }
+        x = self._x.extended(table.x, trials.x)
+        codes_are_inputs = table.z is table.x and trials.z is trials.x
+        z = x if codes_are_inputs else self._z.extended(table.z, trials.z)
+        self.trials = Trials(**columns, x=x, z=z)
 
     def ids_of(self, trials: Trials | Sequence[int] | IntArray) -> IntArray:
         """Ids of trials, or the given ids.
@@ -150,7 +160,7 @@ class Ledger:
             values = getattr(trials, name).copy()
             values[ids[fresh]] = getattr(run, name)[fresh]
             amended[name] = values
-        return replace(trials, **amended)  # type: ignore[arg-type]
+        return replace(trials, **amended)
 
     def _filled(self, ids: IntArray, results: Results) -> Trials:
         objective, safety, status = (

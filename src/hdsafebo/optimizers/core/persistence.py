@@ -75,7 +75,9 @@ def save_optimizer(optimizer: Persistent, path: Path) -> None:
         "fits": optimizer._fits.to_json(),
         "method_state": method_state,
     }
-    arrays = {_TRIALS + f.name: getattr(optimizer.trials, f.name) for f in fields(Trials)}
+    trials = optimizer.trials
+    names = [f.name for f in fields(Trials) if not (f.name == "z" and trials.z is trials.x)]
+    arrays = {_TRIALS + name: getattr(trials, name) for name in names}
     arrays |= {_METHOD + name: value for name, value in method_arrays.items()}
     evidence = evidence_of(optimizer.problem, optimizer.trials)
     arrays |= {_PROBLEM + name: value for name, value in evidence.items()}
@@ -96,6 +98,7 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
                 f"{path}: saved {'with' if state['embedded'] else 'without'} an embedding, expected the same"
             )
         optimizer = kind(problem, embedding=embedding, bounds=arrays.get("bounds"), **state["settings"])
+        arrays.setdefault(_TRIALS + "z", arrays[_TRIALS + "x"])  # without an embedding, codes are inputs
         trials = Trials(**{f.name: arrays[_TRIALS + f.name] for f in fields(Trials)})
         check_bounds(path, _part(arrays, _PROBLEM), problem)
         _check_table(path, trials, state["round"], problem)

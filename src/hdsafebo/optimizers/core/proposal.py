@@ -116,7 +116,7 @@ def encode(embedding: Codec | None, x: FloatArray, known: ArrayLike | None = Non
     Raises:
         TrialError: the embedding gave codes of another shape, or not finite; or the known ones have one.
     """
-    z = x.copy() if embedding is None else np.asarray(embedding.encode(x), float)
+    z = x if embedding is None else np.asarray(embedding.encode(x), float)
     if z.ndim != 2 or len(z) != len(x) or not np.isfinite(z).all():
         raise TrialError(
             f"the embedding gave codes of shape {z.shape} for {len(x)} inputs; expected finite (n, d)"

@@ -3,12 +3,15 @@
 | what is searched | search | module |
 |---|---|---|
 | a finite candidate set | Thompson sampling over regions of rows | `rows` |
-| a continuous space | ascents of an isotropic model | `ascents` |
 | a box with steps, choices, linear constraints or contexts | Thompson sampling over a pool | `pools` |
-| a continuous space of which features hide directions | ascents and random steps | `hidden` |
+| up to 100 inputs themselves, all in their own box | constrained ascents of warped models | `constrained` |
+| codes of an embedding, or through features | ascents of an isotropic model | `ascents` |
+| the same, where features hide directions | ascents and random steps | `hidden` |
 
-`optimizer` makes the search once and asks it; `base` says what every search provides. Single trials in a
-continuous space climb one top after another (`restarts`). `caution`, `recombination` and `row_regions` are
-parts of these searches; `settings` holds what can be set. A method with the same frame gives
-`base.SearchingOptimizer` a search of its own, as the sessions' shortlist does.
+More inputs, `isotropic: true`, known noise and failures that teach are left to `ascents`. `optimizer` makes
+the search once and asks it; `base` says what every search provides. Single trials of `ascents` and `hidden`
+climb one top after another (`restarts`). The parts of `constrained` are `constrained_batch`,
+`constrained_ascent` and `expectations`; those of the others `caution`, `recombination` and `row_regions`.
+`settings` holds what can be set. A method with the same frame gives `base.SearchingOptimizer` a search of its
+own, as the sessions' shortlist does.
 """

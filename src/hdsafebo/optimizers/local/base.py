@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.gp.fit import NoisePrior
-from hdsafebo.gp.surrogate import Surrogate
+from hdsafebo.gp.surrogate import Beliefs, DistanceCache, Surrogate
 from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.core.fits import State
 from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.search.region import IMPROVEMENT, TrustRegion, TrustRegionRule, safe_update
 from hdsafebo.trials import Trials
@@ -47,6 +48,10 @@ class LocalSearch(ABC):
             return optimizer.space.kernel_inputs(optimizer.space.to_unit(trials.z))
         return np.asarray(optimizer.problem.features(trials.x), float)
 
+    def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
+        """What is believed given the completed trials `rows`; see `Optimizer.fit`."""
+        return Optimizer.fit(self.optimizer, rows, start, cache)
+
     def targets(self, rows: IntArray) -> FloatArray:
         """(k,) what the objective's process is fitted to, of the completed trials `rows`."""
         return self.trials.objective[rows]
@@ -77,8 +82,10 @@ class LocalSearch(ABC):
 
     @property
     def surrogate(self) -> Surrogate:
-        """What is believed."""
-        return self.optimizer.surrogate
+        """What is believed: isotropic processes."""
+        surrogate = self.optimizer.surrogate
+        assert isinstance(surrogate, Surrogate)
+        return surrogate
 
     @property
     def rng(self) -> np.random.Generator:
@@ -133,7 +140,7 @@ class RegionSearch(LocalSearch):
         rows = self.best_first(self.own)[:CENTRES]
         if len(rows) == 0:
             return None
-        inputs = self.kernel_inputs(self.trials[rows])
+        inputs = self.optimizer.inputs_of(rows)
         believed = rows[self.surrogate.believed_safe(inputs, self.confidence)]
         if len(believed) == 0 and self.since == 0:
             return None
@@ -160,6 +167,7 @@ class SearchingOptimizer(Optimizer[S]):
     """An optimiser that leaves choosing, and what the model sees, to a search."""
 
     _search: LocalSearch | None = None
+    _features: FloatArray | None = None
 
     @abstractmethod
     def make_search(self) -> LocalSearch:
@@ -194,6 +202,25 @@ class SearchingOptimizer(Optimizer[S]):
         """What the search's kernel measures distances between."""
         return self.search.kernel_inputs(trials)
 
+    def inputs_of(self, rows: IntArray) -> FloatArray:
+        """Kernel inputs; features of an input are computed once and kept.
+
+        They are computed trial by trial: in another batch, a product of matrices may have other bits.
+        """
+        if self.problem.features is None or self.problem.candidates is not None:
+            return super().inputs_of(rows)
+        known = 0 if self._features is None else len(self._features)
+        if known < len(self.trials):
+            fresh = [self.kernel_inputs(self.trials[[i]]) for i in range(known, len(self.trials))]
+            before = [] if self._features is None else [self._features]
+            self._features = np.concatenate([*before, *fresh])
+        assert self._features is not None
+        return self._features[rows]
+
+    def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
+        """As the search does."""
+        return self.search.fit(rows, start, cache)
+
     @property
     def noise_prior(self) -> NoisePrior:
         """That of the search."""
@@ -213,6 +240,7 @@ class SearchingOptimizer(Optimizer[S]):
 
     def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take back what `method_state` gave."""
+        self._features = None  # the trials may be others
         if state:
             self.search.restore(state, arrays)
         else:

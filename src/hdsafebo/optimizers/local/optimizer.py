@@ -10,6 +10,7 @@ from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
+from hdsafebo.optimizers.local.constrained import ConstrainedSearch
 from hdsafebo.optimizers.local.hidden import HiddenSearch
 from hdsafebo.optimizers.local.pools import PoolSearch
 from hdsafebo.optimizers.local.restarts import Restarts
@@ -17,6 +18,9 @@ from hdsafebo.optimizers.local.rows import RowSearch
 from hdsafebo.optimizers.local.settings import HdSafeBOLocalSettings, RestartSettings
 from hdsafebo.search.metric import kernel_metric
 from hdsafebo.trials import Trials
+
+_MOST_INPUTS = 100
+"""Beyond, steps of SLSQP, whose work grows with the cube of their number, take most of a round."""
 
 
 class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
@@ -33,17 +37,20 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
 
     def prepare(self) -> None:
         """Refuse settings of a part that the problem does not use."""
-        if self.settings.restarts is not None and not self._continuous:
-            raise ParamsError(
-                f"method {self.name!r}: setting 'restarts' is of continuous spaces; {self.problem.name!r} "
-                "has a finite candidate set, points that cannot be run, or contexts"
-            )
         self._restarts: Restarts | None = None
+        if self.settings.restarts is not None and (not self._continuous or self._searches_inputs()):
+            how = "searched without" if self._continuous else "no box of which every point can be run"
+            raise ParamsError(
+                f"method {self.name!r}: setting 'restarts' is of searches through an embedding or features; "
+                f"{self.problem.name!r} is {how}"
+            )
 
     def make_search(self) -> LocalSearch:
         """The one that suits the problem and the searched space."""
         if self.problem.candidates is not None:
             return RowSearch(self)
+        if self._searches_inputs():
+            return ConstrainedSearch(self)
         metric = kernel_metric(self.problem, self.embedding, self.space)
         if not self._continuous:
             return PoolSearch(self, metric)
@@ -56,6 +63,19 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
         """Whether every point of the searched box can be run, and all of its columns are chosen."""
         problem = self.problem
         return problem.candidates is None and not problem.lands and not problem.contexts
+
+    @property
+    def takes_noise(self) -> bool:
+        """False where the search estimates the noise itself; a problem with `noise` has another search."""
+        return not self._searches_inputs()
+
+    def _searches_inputs(self) -> bool:
+        """Whether a length scale per input makes sense: inputs are the problem's own, and not too many."""
+        problem = self.problem
+        own = self._continuous and self.embedding is None and problem.features is None
+        plain = problem.noise is None and not problem.failures_teach
+        few = problem.bounds.shape[1] <= _MOST_INPUTS
+        return own and plain and few and not self.settings.isotropic
 
     def propose(self, n: int) -> Proposal:
         """What the search proposes; a single trial may begin the next climb instead."""

@@ -8,7 +8,7 @@ from hdsafebo.optimizers.settings import SafeSetSettings
 
 
 class RestartSettings(BaseModel):
-    """Of climbs by single trials in a continuous space.
+    """Of climbs by single trials through an embedding or features.
 
     Attributes:
         beta: of the safe set in which the next climb begins; None takes the method's. A larger one finds more
@@ -25,7 +25,7 @@ class HdSafeBOLocalSettings(SafeSetSettings):
 
     Attributes:
         beta: of the safe set; -2 promises a safe probability of 0.977.
-        restarts: of single trials; a problem with a finite candidate set has no use for it.
+        restarts: of single trials through an embedding or features; other problems refuse it.
     """
 
     beta: float = -2.0

@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ET
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from hdsafebo.report.figures.panels import Figure, Panel, plot_style
 
@@ -72,7 +72,7 @@ def save(figure: Figure, folder: Path) -> list[Picture]:
     """Write `<name>.svg` and `<name>.png` into a folder and return the panels for the page."""
     import matplotlib
 
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(cast(Any, STYLE)):  # Matplotlib types the names of its settings one by one
         canvas, cells = _draw(figure)
         buffer = io.StringIO()
         canvas.savefig(buffer, format="svg", metadata={"Date": None})

@@ -160,6 +160,7 @@ class _Tightened(_Fields):
 
 class _Converted(_Fields):
     entries: Annotated[int, Field(ge=0)]
+    version: Named
 
 
 class _Repaired(_Fields):

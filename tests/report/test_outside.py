@@ -1,0 +1,56 @@
+"""The section of problems that others wrote."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from hdsafebo.errors import DatasetError
+from hdsafebo.report.sections.base import Text
+from hdsafebo.report.sections.outside import TABLE, outside_section
+from hdsafebo.report.tables.results import Table
+
+ROW = {
+    "seeds": 7,
+    "optimum": -1.0,
+    "best_50": -1.5,
+    "best_50_range": [-2.0, -1.2],
+    "best": -1.25,
+    "best_range": [-1.5, -1.0],
+    "safe": 0.99,
+    "violation": 0.001,
+    "near": 0.02,
+    "marked": 0.0,
+    "predicted": None,
+    "cpu": 0.4,
+}
+
+
+def write(root: Path, content: str) -> None:
+    path = root / TABLE
+    path.parent.mkdir(parents=True)
+    path.write_text(content)
+
+
+def test_every_problem_and_method_has_a_row(tmp_path: Path) -> None:
+    write(tmp_path, json.dumps({"beam": {"hdsafebo_local": ROW, "qlognei": ROW | {"seeds": 2}}}))
+    _, table = outside_section(tmp_path).blocks
+    assert isinstance(table, Table)
+    texts = [[cell.text for cell in row] for row in table.rows]
+    assert [row[1] for row in texts] == ["HdSafeBO-local", "qLogNEI (BoTorch)"]
+    assert texts[0][3] == "−1.25"
+    assert texts[0][4:8] == ["0.990", "0.020", "0.000", "–"]
+    assert table.frame["best_50"].tolist() == [-1.5, -1.5]
+
+
+def test_without_a_table_the_section_says_so(tmp_path: Path) -> None:
+    (block,) = outside_section(tmp_path).blocks
+    assert isinstance(block, Text)
+    assert block.kind == "missing"
+
+
+@pytest.mark.parametrize("content", ["[", "[]", '{"beam": {"scbo": {}}}', '{"beam": 3}'])
+def test_a_malformed_table_is_named(tmp_path: Path, content: str) -> None:
+    write(tmp_path, content)
+    with pytest.raises(DatasetError, match=r"table\.json: malformed"):
+        outside_section(tmp_path)
