@@ -44,7 +44,7 @@ def test_line_6_box_around_the_best_safe_point(
 
 
 def test_line_6_in_length_scales(monkeypatch: pytest.MonkeyPatch) -> None:
-    optimizer = made_with(length_initial=0.2)
+    optimizer = made_with(length_initial=0.2, unit="length_scale")
     (lower, upper), *_ = drawn(optimizer, monkeypatch)
     inside = (lower > 0) & (upper < 1)
     assert inside.any()

@@ -65,9 +65,7 @@ def run(spec: RunSpec) -> RunResult:
         HdSafeBOError: what the task or the method raise.
     """
     params = spec.checked_params()
-    task = make_task(
-        spec.task, params, method=params.methods[spec.method].algorithm, seed=spec.seed, root=Path(spec.root)
-    )
+    task = make_task(spec.task, params, seed=spec.seed, root=Path(spec.root))
     identity = identity_of(spec, params, task.inputs)
     with RunJournal(spec.journal, spec.name, identity) as journal:
         if journal.outcome is None:
@@ -84,6 +82,7 @@ class _Run:
         method = params.methods[spec.method]
         settings = settings_of(params, spec.task, spec.method)
         self.problem: Problem = task.problem
+        self.knowledge = task.knowledge
         self.budget = budget_of(params, spec.task)
         self.journal = journal
         self.beacon = Beacon(spec)
@@ -242,6 +241,7 @@ class _Run:
             marked=int(trials.marked_unsafe.sum()),
             missing=self.budget.trials - len(trials),
             abstained=abstained,
+            certified=self.optimizer.certified_points,
         )
 
     def _facts(self) -> dict[str, Any]:
@@ -255,6 +255,8 @@ class _Run:
             "optimum": self.problem.optimum,
             "space": self.space,
             "dimension": int(self.optimizer.trials.z.shape[1]),
+            "given": self.knowledge.given(),
+            "unused": self.knowledge.unused(kind.uses, original=self.space == "original"),
         }
 
 

@@ -13,7 +13,7 @@ from hdsafebo.search.space import SearchSpace
 from hdsafebo.typing import FloatArray, Shaped
 
 _AFFINE_TOLERANCE = 1e-6
-_BLOCK = 256
+_BLOCK = 512  # unit vectors that features are probed with at once
 _TINY = 1e-12  # least length that a step is divided by
 
 

@@ -137,14 +137,16 @@ def fit_trials(
     surrogate = fit_surrogate(
         inputs_of(rows),
         objective,
-        modelled_safety(problem.safety, fitted.safety),
+        modelled_safety(problem.safety, trials.safety[rows]),
         modelled_thresholds(problem.safety),
         start=start,
         cache=cache,
         limits=LengthScaleLimits(settings.shortest_length_scale, settings.longest_length_scale),
         noise=noise,
         refine=refine,
-        known_noise=_known_noise(problem, fitted, np.array_equal(objective, fitted.objective)),
+        known_noise=_known_noise(
+            problem, trials.noise[rows], np.array_equal(objective, trials.objective[rows])
+        ),
     )
     failed = np.flatnonzero(trials.status == Status.FAILED)
     if not problem.failures_teach or len(failed) == 0:
@@ -153,15 +155,15 @@ def fit_trials(
     return with_completion(surrogate, inputs, start)
 
 
-def _known_noise(problem: Problem, trials: Trials, in_units: bool) -> FloatArray:
+def _known_noise(problem: Problem, told: FloatArray, in_units: bool) -> FloatArray:
     """(n, 1 + m') known standard deviations of the objective and the modelled safety functions.
 
     Args:
         problem: of the trials.
-        trials: that are fitted.
+        told: (n, 1 + m) of the trials that are fitted, NaN where nothing was told.
         in_units: the objective is modelled in its own units, which are those of its noise.
     """
-    noise = trials.noise.copy()
+    noise = told.copy()
     if problem.noise is not None:
         noise = np.where(np.isnan(noise), problem.noise, noise)
     if not in_units:
