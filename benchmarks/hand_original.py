@@ -100,7 +100,7 @@ def play(method: str, problem: Problem, initial: Trials, trials: int) -> dict[st
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "safety": float(safe.mean()) if len(safe) else None,
         "best_initial": float(initial.objective[_feasible(problem, initial)].max(initial=-np.inf)),
-        "best": None if best is None else float(best.objective[0]),
+        "best": None if best is None else float(best.objective),
         "abstained": stopped,
     }
 

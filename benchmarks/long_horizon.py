@@ -97,7 +97,7 @@ def run(seed: int, trials: int, most: int | None) -> Run:
             seconds.append(evaluating - start + time.process_time() - evaluated)
     best = optimizer.best()
     chosen = optimizer.feasible[INITIAL:]
-    return Run(np.nan if best is None else float(best.objective[0]), float(chosen.mean()), known, seconds)
+    return Run(np.nan if best is None else float(best.objective), float(chosen.mean()), known, seconds)
 
 
 def long_run(seed: int, trials: int, most: int, early: int) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
     python benchmarks/session.py month --replay      the paper's protocol on ten simulated patients
     python benchmarks/session.py suggest             time of a suggestion with 1,000 trials known
+    python benchmarks/session.py stop                time until a pressed STOP is obeyed and kept
 
-Both need `data/spinal/stimulation.parquet` (stage traverse_stimulation). A month is a session like any other
+All need `data/spinal/stimulation.parquet` (stage traverse_stimulation). A month is a session like any other
 and lies in its own directory: started again, it goes on where it ended. With `--write` the numbers are
 kept in `reports/reference/benchmarks`, those of the month after each patient.
 """
@@ -11,8 +12,14 @@ kept in `reports/reference/benchmarks`, those of the month after each patient.
 from __future__ import annotations
 
 import argparse
+import fcntl
+import json
+import socket
 import statistics
+import threading
 import time
+import urllib.error
+import urllib.request
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -53,9 +60,12 @@ def main() -> None:
     suggest = benchmarks.add_parser("suggest")
     suggest.add_argument("--known", type=int, default=1000, help="trials that are known")
     suggest.add_argument("--suggestions", type=int, default=30)
+    stop = benchmarks.add_parser("stop")
+    stop.add_argument("--known", type=int, default=1000, help="trials that are known")
+    stop.add_argument("--presses", type=int, default=20)
     arguments = parser.parse_args()
     responses = load_responses(arguments.dataset)
-    (_months if arguments.benchmark == "month" else _suggest)(arguments, responses)
+    {"month": _months, "suggest": _suggest, "stop": _stop}[arguments.benchmark](arguments, responses)
 
 
 def _months(arguments: argparse.Namespace, responses: Responses) -> None:
@@ -109,7 +119,7 @@ def _suggest(arguments: argparse.Namespace, responses: Responses) -> None:
         session.suggest("benchmark")
         wall.append(time.perf_counter() - start)
         cpu.append(time.process_time() - start_cpu)
-        session.approve("benchmark")
+        session.approve("benchmark", session.state.suggestions[-1].number)
         _, response = answer(session, patient)
         recording = None if response.recording is None else (response.recording, "trial.csv")
         session.record("benchmark", Report(recording, response.scores))
@@ -130,7 +140,79 @@ def _suggest(arguments: argparse.Namespace, responses: Responses) -> None:
         )
     print(f"opening it again: {reopened:.2f} s wall, {reopened_cpu:.2f} s cpu")
     if arguments.write:
-        _write("session_suggest.json", result)
+        _write(f"session_suggest{'' if arguments.known == 1000 else f'_{arguments.known}'}.json", result)
+
+
+def _stop(arguments: argparse.Namespace, responses: Responses) -> None:
+    """STOP on the page while a suggestion is computed, 45 requests wait and another program holds the log.
+
+    The time is that of the whole request, until the answer is there: the stop is on the disk then.
+    """
+    directory = arguments.work / f"known{arguments.known}"
+    _session(directory, responses, 0, known=arguments.known)
+    situations = {"idle": (False, False), "busy": (True, False), "busy and locked": (True, True)}
+    result: dict[str, Any] = {"known": arguments.known, "presses": arguments.presses}
+    for name, (busy, locked) in situations.items():
+        times = [_press_once(directory / "session", busy, locked) for _ in range(arguments.presses)]
+        result[name] = {"median_s": statistics.median(times), "worst_s": max(times)}
+        print(f"{name}: median {statistics.median(times):.3f} s, worst {max(times):.3f} s")
+    if arguments.write:
+        _write("session_stop.json", result)
+
+
+def _press_once(directory: Path, busy: bool, locked: bool) -> float:
+    """Seconds until a STOP is answered; the session goes on afterwards."""
+    import uvicorn
+
+    from hdsafebo.session.web.app import Page
+
+    page, port = Page(directory), _free_port()
+    server = uvicorn.Server(uvicorn.Config(page.app(None), port=port, log_level="error", ws="none"))
+    serving = threading.Thread(target=server.run)
+    serving.start()
+    while not server.started:
+        time.sleep(0.01)
+    head = json.loads(_request(port, "status"))["head"]["hash"]
+    point = page._viewer.state.trials[-1].point
+    waiting: list[threading.Thread] = []
+    with (directory / "lock").open("r+b") as lock:
+        if busy:
+            bodies = [("suggest", {"who": "b", "head": head})] + [("look", {"point": point})] * 45
+            waiting = [threading.Thread(target=_request, args=(port, step, body)) for step, body in bodies]
+            for thread in waiting:
+                thread.start()
+            time.sleep(0.3)  # the suggestion is under way
+        if locked:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        start = time.perf_counter()
+        _request(port, "stop", {"who": "", "reason": "benchmark"})
+        seconds = time.perf_counter() - start
+    for thread in waiting:
+        thread.join()
+    assert json.loads(_request(port, "status"))["stopped"] is not None
+    server.should_exit = True
+    serving.join()
+    Session.open(directory).resume("benchmark")
+    return seconds
+
+
+def _request(port: int, path: str, body: Any = None) -> str:
+    """The answer of the page, whatever it is."""
+    data = None if body is None else json.dumps(body).encode()
+    headers = {"X-Session-Page": "1"}
+    request = urllib.request.Request(f"http://127.0.0.1:{port}/api/{path}", data, headers)
+    try:
+        with urllib.request.urlopen(request, timeout=300) as answered:
+            return str(answered.read().decode())
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.read().decode()
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def _write(name: str, result: dict[str, Any]) -> None:
@@ -140,7 +222,7 @@ def _write(name: str, result: dict[str, Any]) -> None:
 
 def _session(directory: Path, responses: Responses, seed: int, known: int | None = None) -> Session:
     """The session of a directory; made first where it does not exist."""
-    if (directory / "session" / "session.db").exists():
+    if (directory / "session").exists():
         return Session.open(directory / "session")
     definition, initial = write_example(directory, responses, seed)
     if known is not None:

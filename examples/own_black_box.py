@@ -76,7 +76,7 @@ def main() -> None:
     failed = int((chosen.status == Status.FAILED).sum())
     safe = optimizer.feasible[~trials.initial].sum() / (len(chosen) - failed)
     start = trials.objective[trials.initial & optimizer.feasible].max()
-    print(f"removed {start:.2f} g at best before, {best.objective[0]:.2f} g now, at {np.round(best.x[0], 2)}")
+    print(f"removed {start:.2f} g at best before, {best.objective:.2f} g now, at {np.round(best.x, 2)}")
     print(f"{len(chosen)} trials, {failed} failed; {100 * safe:.0f} % of the others were safe,")
     print(f"{100 * chosen.predicted_safe_probability.mean():.0f} % were predicted to be")
 

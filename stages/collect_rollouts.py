@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hdsafebo.campaign.executor import execute
 from hdsafebo.errors import RenderingUnavailableError
-from hdsafebo.hand.render import pictures, record_video, save_png
+from hdsafebo.hand.render import pictures, record_video
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.training.activations import (
     Agent,
@@ -29,6 +29,7 @@ from hdsafebo.hand.training.activations import (
 )
 from hdsafebo.hand.training.actor import save_actors
 from hdsafebo.hand.training.train import PROGRESS_STEPS, SacSettings, Trained, Training, train_agent
+from hdsafebo.pictures.video import save_png
 from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.progress import Advance, progress
 

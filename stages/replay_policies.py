@@ -7,7 +7,8 @@ from typing import Any
 from hdsafebo.errors import RenderingUnavailableError
 from hdsafebo.files.atomic import write_json
 from hdsafebo.hand.filmstrip import filmstrip, frame_steps, seconds_of
-from hdsafebo.hand.render import record_video, save_png
+from hdsafebo.hand.render import record_video
+from hdsafebo.pictures.video import save_png
 from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.problems.hand_replay import Replay, replay, scene_of
 from hdsafebo.runs.best_trial import BestTrial, best_trial

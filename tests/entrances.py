@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -106,26 +107,34 @@ def _read_recording(path: Path) -> object:
 
 
 def _store(path: Path) -> None:
-    _session_file(path.parent.parent / "session.yaml")
-    _new_session(path.parent)
+    """The session that one of the two copies of a log belongs to."""
+    directory = path.parent.parent
+    _session_file(directory.parent / "session.yaml")
+    _new_session(directory)
 
 
-def _open_session(path: Path) -> None:
+def _verify_copies(path: Path) -> None:
     from hdsafebo.session.session import Session
     from hdsafebo.session.views.audit import verify_session
 
-    session = Session.open(path.parent)
-    try:
-        verify_session(session)
-    finally:
-        session.close()
+    verify_session(Session.open(path.parent.parent, read_only=True))
+
+
+def _former_store(path: Path) -> None:
+    shutil.copyfile(Path(__file__).parent / "session" / "data" / "box" / "session.db", path)
+
+
+def _open_former(path: Path) -> None:
+    from hdsafebo.session.session import Session
+
+    Session.open(path.parent, read_only=True)
 
 
 def _audit_log(path: Path) -> None:
     from hdsafebo.session.session import Session
     from hdsafebo.session.views.export import export_session
 
-    _store(path.parent / "s" / "session.db")
+    _store(path.parent / "s" / "original" / "audit.log")
     session = Session.open(path.parent / "s")
     export_session(session, path.parent)
     session.close()
@@ -215,6 +224,21 @@ def _load_synergies(path: Path) -> object:
     from hdsafebo.hand.synergies import load_synergies
 
     return load_synergies(path, HAND)
+
+
+def _policy(path: Path) -> None:
+    from hdsafebo.policies.affine import Normalisation, PolicySpace
+    from hdsafebo.policies.policy_file import save_policy
+
+    ends, none = np.ones(2), Normalisation.none(3)
+    space = PolicySpace(-ends, ends, 0 * ends, ends, none, (2,), (3,))
+    save_policy(path, space.policy(np.arange(8.0)), "Point-v0")
+
+
+def _load_policy(path: Path) -> object:
+    from hdsafebo.policies.policy_file import load_policy
+
+    return load_policy(path)
 
 
 def _moment(path: Path) -> None:
@@ -315,7 +339,9 @@ ENTRANCES = {
     "candidates": Entrance("candidates.csv", lambda path: _session_file(path, "list"), _new_session),
     "recording": Entrance("trial.csv", _recording, _read_recording),
     "EDF recording": Entrance("trial.edf", _edf, _read_recording),
-    "session store": Entrance("s/session.db", _store, _open_session),
+    "log of a session": Entrance("s/original/audit.log", _store, _verify_copies, unchecked=False),
+    "second log of a session": Entrance("s/copy/audit.log", _store, _verify_copies),
+    "session of the former format": Entrance("s/session.db", _former_store, _open_former),
     "audit log": Entrance("audit.log", _audit_log, _verify_log, unchecked=False),
     "optimiser state": Entrance("state", _state, _load_state),
     "embedding": Entrance("pca.safetensors", _embedding, _load_embedding, unchecked=False),
@@ -348,6 +374,7 @@ ENTRANCES = {
         "data/spinal/traversal.json", *_input("data/spinal/traversal.json", {"seconds": 1.0})
     ),
     "synergies": Entrance("synergies.safetensors", _synergies, _load_synergies),
+    "policy": Entrance("policy.safetensors", _policy, _load_policy),
     "observations": Entrance("observations.safetensors", _moment, _load_moment),
     "digits": Entrance("train-images-idx3-ubyte", _digits, _load_digits),
     "digit predictor": Entrance("predictor.safetensors", _predictor, _load_predictor),

@@ -38,8 +38,50 @@ def test_own_black_box_improves_safely_and_resumes(project_root: Path, tmp_path:
     assert optimizer.feasible[done].sum() / done.sum() >= 0.9
     start = trials.objective[trials.initial & optimizer.feasible].max()
     best = optimizer.best()
-    assert best.objective[0] > start + 5.0
-    assert (best.safety[0] < 1.0).any(), "a limit binds"
+    assert best.objective > start + 5.0
+    assert (best.safety < 1.0).any(), "a limit binds"
+
+
+def load_named(root: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """An example that imports its stand-ins from beside it."""
+    monkeypatch.syspath_prepend(str(root / "examples"))
+    return load(root, name)
+
+
+def test_arm_of_three_robots(project_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    example = load_named(project_root, "arm_gains", monkeypatch)
+    study = example.main(tmp_path, trials=20)
+    table = study.to_dataframe()
+    assert (tmp_path / "progress.png").stat().st_size > 10_000
+    assert (table["status"] == "pending").sum() == 3
+    chosen = table[~table["initial"] & (table["status"] == "completed")]
+    assert chosen["safe"].mean() >= 0.85
+    assert chosen["tracking_error"].min() < table["tracking_error"][table["initial"]].min()
+
+
+def test_gripper_with_a_rule(project_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    example = load_named(project_root, "gripper_mixed", monkeypatch)
+    table = example.main(trials=20).to_dataframe()
+    assert (2 * table["pulses"] + table["rest"] <= 14).all()
+    chosen = table[~table["initial"]]
+    assert chosen["safe"].mean() >= 0.85
+    assert chosen["error"].min() < table["error"][table["initial"]].min()
+
+
+def test_crane_with_a_payload_per_day(project_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    example = load_named(project_root, "crane_payload", monkeypatch)
+    table = example.main(payloads=(1.0, 1.6, 0.9), per_day=6).to_dataframe()
+    chosen = table[~table["initial"]]
+    assert chosen["payload"].tolist() == [1.0] * 6 + [1.6] * 6 + [0.9] * 6
+    stored = set(example.SETTINGS.itertuples(index=False, name=None))
+    assert set(table[list(example.SETTINGS)].itertuples(index=False, name=None)) <= stored
+    assert chosen["safe"].mean() >= 0.9
+
+
+def test_the_examples_of_own_systems_are_short(project_root: Path) -> None:
+    for name in ("arm_gains", "gripper_mixed", "crane_payload"):
+        lines = (project_root / "examples" / f"{name}.py").read_text(encoding="utf-8").splitlines()
+        assert len(lines) <= 40, name
 
 
 def test_reading_run_files_gives_the_reports_numbers(
@@ -97,3 +139,27 @@ def test_comparison_runs_two_methods_and_an_experiment(project_root: Path, tmp_p
     assert table["method"].tolist() == ["hdsafebo", "sobol", "hdsafebo"]
     assert table["beta"].fillna("none").tolist() == ["2.0", "none", "0.0"]
     assert table[["objective", "safety", "violation"]].notna().all().all()
+
+
+def test_any_environment_is_searched_and_filmed(
+    project_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    example = load(project_root, "any_environment")
+    arguments = ["Pendulum-v1", "--steps", "30", "--least-steps", "30", "--initial", "8", "--trials", "12"]
+    example.main([*arguments, "--out", str(tmp_path)])
+    said = capsys.readouterr().out
+    assert "Pendulum-v1: 4 weights" in said
+    assert said.count("best safe return") == 3
+    assert "safe 100.0 %" in said
+    assert "return with seeds that no trial met" in said
+    assert (tmp_path / "Pendulum-v1.safetensors").exists()
+    assert (tmp_path / "Pendulum-v1.mp4").exists() or "no video" in said
+
+
+def test_a_mistaken_environment_ends_with_a_message(
+    project_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        load(project_root, "any_environment").main(["CartPole-v1", "--out", str(tmp_path)])
+    assert ended.value.code == 2
+    assert "action space of 'CartPole-v1' is Discrete; expected a Box" in capsys.readouterr().err

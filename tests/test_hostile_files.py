@@ -21,6 +21,8 @@ MEMORY_MB = 1500
 _TAKEN = {  # what is no damage to the format: zeros and nothing are what a power cut leaves of a log
     ("journal", "nothing"),
     ("journal", "zeros"),
+    ("second log of a session", "nothing"),  # it may be an entry behind, and this session has one
+    ("second log of a session", "zeros"),
 }
 _GUARDED = ("lead field", "stimulation dataset")  # outs of the pipeline, whose every byte DVC checks
 
@@ -69,7 +71,7 @@ def test_hostile_files_are_refused_by_name(place: Path, name: str, spoiling: str
     assert named(message, path)
     assert "Traceback" not in message
     made = {p.name for p in place.parent.rglob("*") if p not in before}
-    assert made <= {"session.db-wal", "session.db-shm"}
+    assert made == set()
 
 
 @pytest.mark.parametrize("name", [n for n in ENTRANCES if n not in _GUARDED])
@@ -80,8 +82,6 @@ def test_cut_and_flipped_files_are_refused_or_read_as_they_are(place: Path, name
     entrance = ENTRANCES[name]
     flips = [flipped(valid, rng) for _ in range(8)]
     for content in (*(cut(valid, share) for share in (0.1, 0.5, 0.9)), *flips):
-        for left in path.parent.glob("session.db-*"):
-            left.unlink()
         path.write_bytes(content)
         message = refusal(entrance, path)
         if message is None:

@@ -1,4 +1,4 @@
-"""The README's example runs as it stands."""
+"""The README's examples run as they stand."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 
-def test_the_example_runs(project_root: Path, tmp_path: Path) -> None:
+
+@pytest.mark.parametrize(("number", "file"), [(0, "polisher.hdsafebo/state"), (1, "hopper.safetensors")])
+def test_the_examples_run(project_root: Path, tmp_path: Path, number: int, file: str) -> None:
     text = (project_root / "README.md").read_text(encoding="utf-8")
     examples = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    assert len(examples) == 1
+    assert len(examples) == 2
     result = subprocess.run(
-        [sys.executable, "-W", "error", "-c", examples[0]],
+        [sys.executable, "-W", "error", "-c", examples[number]],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(project_root / "src")},
         capture_output=True,
@@ -22,7 +25,7 @@ def test_the_example_runs(project_root: Path, tmp_path: Path) -> None:
         check=False,
     )
     assert result.returncode == 0, result.stderr
-    assert (tmp_path / "state.zip").exists()
+    assert (tmp_path / file).exists()
     assert "None" not in result.stdout
 
 

@@ -274,8 +274,8 @@ POINTS = {
     "a profile": WritePoint(
         "params.yaml", _profiles, lambda disk, home: _profile(disk, "smoke"), _standard_params
     ),
-    "a new session": WritePoint("session.db", _session_files, _new_session),
-    "a session's log": WritePoint("session.db", _session, _notes, _sound_session),
+    "a new session": WritePoint("s", _session_files, _new_session),
+    "a session's log": WritePoint("s", _session, _notes, _sound_session),
     "a session's tables": WritePoint(
         "tables", lambda disk, home: _session(home, home), _export, elsewhere=True
     ),

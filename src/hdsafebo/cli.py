@@ -56,9 +56,7 @@ def _parser() -> argparse.ArgumentParser:
     methods.set_defaults(run=_methods)
 
     mlflow = commands.add_parser("mlflow", help="open the MLflow UI on the local store of runs")
-    mlflow.add_argument(
-        "--port", type=int, default=5000, help="of the page (default: 5000)"
-    )
+    mlflow.add_argument("--port", type=int, default=5000, help="of the page (default: 5000)")
     mlflow.set_defaults(run=_mlflow)
 
     add_session_parser(commands)

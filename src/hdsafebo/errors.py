@@ -23,6 +23,10 @@ class NoSafePointError(HdSafeBOError):
     """Nothing is known or believed to be safe, so the optimiser abstains."""
 
 
+class OptimisticWarning(UserWarning):
+    """A method promises its trials less than an even chance of being safe, by a default that nobody set."""
+
+
 class SurrogateError(HdSafeBOError):
     """A Gaussian process could not be fitted, not even with the last good hyper-parameters."""
 
@@ -53,6 +57,10 @@ class DatasetError(HdSafeBOError):
 
 class HandModelError(HdSafeBOError):
     """The musculoskeletal model, its start pose, its synergies or a policy do not fit each other."""
+
+
+class PolicyFileError(HdSafeBOError):
+    """A policy file is missing or damaged, or belongs to another environment or problem."""
 
 
 class RenderingUnavailableError(HdSafeBOError):

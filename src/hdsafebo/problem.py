@@ -90,6 +90,14 @@ class MovingCodec(Codec, Protocol):
         """(n,) True for codes whose decoded input was moved."""
 
 
+@runtime_checkable
+class LinearCodec(Codec, Protocol):
+    """An affine codec that says what becomes of a linear map, so that no method has to find out."""
+
+    def compose(self, matrix: FloatArray, /) -> FloatArray:
+        """(p, d) the linear map of codes that (p, D) `matrix` is of decoded inputs."""
+
+
 class CandidateSet(Protocol):
     """A finite set of inputs, the only ones that can be evaluated."""
 
@@ -104,6 +112,35 @@ class CandidateSet(Protocol):
         """(n,) rows nearest to the (n, D) inputs `x`, all different and none of them in `taken`."""
 
 
+@runtime_checkable
+class ContextualSet(CandidateSet, Protocol):
+    """A finite set of what can be chosen; its inputs and features have the contexts of the moment, too."""
+
+    def hold(self, context: FloatArray, /) -> None:
+        """Take the (c,) context columns as known from now on."""
+
+    def features_of(self, x: FloatArray, /) -> FloatArray:
+        """(n, p) kernel inputs of any (n, D) inputs, under whatever contexts they were tried."""
+
+
+@dataclass(frozen=True)
+class LinearFeatures:
+    """Features k = A x + c that state their matrix, so that no method has to find it with D unit vectors.
+
+    Attributes:
+        matrix: (p, D) A.
+        offset: (p,) c; None means 0.
+    """
+
+    matrix: FloatArray
+    offset: FloatArray | None = None
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """(n, p) features of (n, D) inputs."""
+        values = np.asarray(x, float) @ self.matrix.T
+        return values if self.offset is None else values + self.offset
+
+
 class Problem(ABC):
     """An objective to maximise under safety functions, over a box or a finite set of inputs.
 
@@ -113,10 +150,19 @@ class Problem(ABC):
         safety: the safety functions, in the order of the columns of `Evaluation.safety`.
         candidates: the finite set of inputs when not every point of the box can be evaluated.
         features: affine map from inputs (n, D) to kernel inputs (n, p), when distances between
-            inputs say little; None uses the searched space itself.
+            inputs say little; None uses the searched space itself. In many dimensions a `LinearFeatures`,
+            which states its matrix, saves time and memory.
         optimum: best safe objective when it is known (used in reports only).
         depends_on_history: results depend on what was evaluated before (as those of a function that is
             drawn while it is looked at), so that a resumed run must evaluate all of it again.
+        contexts: columns of the input that are known before a trial and not chosen (a load, a day); each
+            `ask` is given their values.
+        lands: some points of the box cannot be run; `land` says what is run in their place.
+        noise: (1 + m,) known standard deviations of one measurement of the objective and of each safety
+            function, NaN where unknown; None where all are. Where it is known, a safe probability is that of
+            the next measurement, otherwise that of the function.
+        failures_teach: a trial that failed is evidence that trials near it fail, and nothing that may fail is
+            believed safe.
     """
 
     name: str
@@ -126,6 +172,10 @@ class Problem(ABC):
     features: Callable[[FloatArray], FloatArray] | None = None
     optimum: float | None = None
     depends_on_history: bool = True
+    contexts: tuple[int, ...] = ()
+    lands: bool = False
+    noise: FloatArray | None = None
+    failures_teach: bool = False
 
     @abstractmethod
     def evaluate(self, trials: Trials) -> Evaluation:
@@ -141,6 +191,20 @@ class Problem(ABC):
             rows = rng.choice(len(self.candidates.features), n, replace=False)
             return self.candidates.inputs(rows), rows
         return rng.uniform(self.bounds[0], self.bounds[1], (n, self.bounds.shape[1])), np.full(n, -1)
+
+    def land(self, x: FloatArray) -> FloatArray:
+        """(n, D) inputs that are run where the (n, D) points of the box are proposed.
+
+        Landing what has landed changes nothing, and contexts are left as they are.
+        """
+        return x
+
+    def neighbours(self, x: FloatArray) -> FloatArray:
+        """(k, D) inputs that can be run and differ from the (D,) one in one step of one parameter.
+
+        A search meets them although nothing lies in between; where all points can be run, none are needed.
+        """
+        return np.empty((0, len(x)))
 
     def is_safe(self, safety: FloatArray) -> NDArray[np.bool_]:
         """(n,) True where every reported safety function of the (n, m) values meets its threshold."""
@@ -160,7 +224,8 @@ def check_problem(problem: Problem) -> None:
     bounds = np.asarray(problem.bounds, float)
     if bounds.ndim != 2 or bounds.shape[0] != 2 or bounds.shape[1] == 0:
         raise ProblemError(
-            f"bounds of {problem.name!r} have shape {bounds.shape}; expected (2, D) with D >= 1"
+            f"bounds of {problem.name!r} have shape {bounds.shape}; expected (2, D) with D >= 1: all lower "
+            "limits, then all upper ones"
         )
     infinite = np.flatnonzero(~np.isfinite(bounds).all(axis=0))
     if len(infinite):
@@ -170,11 +235,40 @@ def check_problem(problem: Problem) -> None:
         raise ProblemError(
             f"lower bound above upper bound of {problem.name!r} in dimensions {empty.tolist()[:10]}"
         )
+    if bounds.shape == (2, 2) and (bounds[0] == bounds[1]).any() and (bounds[:, 0] < bounds[:, 1]).all():
+        raise ProblemError(
+            f"bounds of {problem.name!r} are {bounds.tolist()}, which look like a pair of limits per "
+            f"dimension; expected all lower limits, then all upper ones: {bounds.T.tolist()}"
+        )
     if not any(s.modelled for s in problem.safety):
         raise ProblemError(f"problem {problem.name!r} has no modelled safety function; expected at least one")
+    matrix = getattr(problem.features, "matrix", None)
+    if matrix is not None and (np.ndim(matrix) != 2 or np.shape(matrix)[1] != bounds.shape[1]):
+        raise ProblemError(
+            f"features of {problem.name!r} have a matrix of shape {np.shape(matrix)}; "
+            f"expected (p, {bounds.shape[1]})"
+        )
     names = [s.name for s in problem.safety]
     if len(set(names)) != len(names):
         raise ProblemError(f"safety functions of {problem.name!r} have repeated names {names}")
+    _check_noise(problem)
+
+
+def _check_noise(problem: Problem) -> None:
+    if problem.noise is None:
+        return
+    noise = np.asarray(problem.noise, float)
+    if noise.shape != (1 + len(problem.safety),) or (noise <= 0).any() or np.isinf(noise).any():
+        raise ProblemError(
+            f"noise of {problem.name!r} is {noise.tolist()}; expected {1 + len(problem.safety)} positive "
+            "standard deviations, of the objective and of each safety function, NaN where unknown"
+        )
+    for safety, known in zip(problem.safety, np.isfinite(noise[1:]), strict=True):
+        if known and safety.transform is not None:
+            raise ProblemError(
+                f"safety function {safety.name!r} of {problem.name!r} has a transform, and a known noise in "
+                "the units before it; give one of the two"
+            )
 
 
 class FunctionProblem(Problem):

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from hdsafebo.errors import TrialError
 from hdsafebo.typing import FloatArray, IntArray
 
+_SHOWN, _COLUMNS = 8, 6
+"""Trials and columns of the input that the text of a table shows."""
+
 
 class Status(IntEnum):
     """State of a trial; a failed evaluation is a status, never a number."""
@@ -29,11 +32,14 @@ class Evaluation:
         objective: (n,) values to maximise; ignored where `failed`.
         safety: (n, m) one column per safety function of the problem; ignored where `failed`.
         failed: (n,) True where the evaluation gave no result; None means that all succeeded.
+        reasons: n reasons why an evaluation gave no result, None where it gave one; None means that the
+            problem gives no reasons.
     """
 
     objective: FloatArray
     safety: FloatArray
     failed: NDArray[np.bool_] | None = None
+    reasons: tuple[str | None, ...] | None = None
 
     def status(self) -> NDArray[np.uint8]:
         """(n,) `Status.COMPLETED` or `Status.FAILED`."""
@@ -41,7 +47,7 @@ class Evaluation:
         return np.where(failed, np.uint8(Status.FAILED), np.uint8(Status.COMPLETED))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trials:
     """A table of n trials, one array per column.
 
@@ -61,6 +67,8 @@ class Trials:
         trust_region_length: (n,) of the trust region the trial came from; NaN without one.
         marked_unsafe: (n,) True where no candidate was believed safe and the caller chose to be given
             the most probably safe one all the same.
+        noise: (n, 1 + m) known standard deviations of the measured objective and safety values, NaN where the
+            problem's own hold.
     """
 
     id: IntArray
@@ -76,13 +84,35 @@ class Trials:
     violation_bound: FloatArray
     trust_region_length: FloatArray
     marked_unsafe: NDArray[np.bool_]
+    noise: FloatArray
+
+    def __repr__(self) -> str:
+        """The last trials as a short table."""
+        shown = self[-_SHOWN:]
+        lines = [f"Trials: {len(self)}, {int(self.completed.sum())} completed"]
+        if len(shown) < len(self):
+            lines[0] += f"; the last {len(shown)}:"
+        for i in range(len(shown)):
+            values = ", ".join(f"{v:.4g}" for v in shown.x[i][:_COLUMNS]) + (
+                ", ..." if shown.x.shape[1] > _COLUMNS else ""
+            )
+            result = f"{Status(shown.status[i]).name.lower()}"
+            if shown.completed[i]:
+                safety = ", ".join(f"{v:.4g}" for v in shown.safety[i])
+                result = f"objective {shown.objective[i]:.5g}, safety {safety}"
+            probability = shown.predicted_safe_probability[i]
+            believed = "" if np.isnan(probability) else f", believed safe with {probability:.3f}"
+            marked = ", MARKED UNSAFE" if shown.marked_unsafe[i] else ""
+            lines.append(f"  {shown.id[i]}: x = [{values}] {result}{believed}{marked}")
+        return "\n".join(lines)
 
     def __len__(self) -> int:
         return len(self.id)
 
     def __getitem__(self, rows: NDArray[np.bool_] | IntArray | slice | Sequence[int]) -> Trials:
         """The sub-table of the given rows (a mask, a slice or row numbers)."""
-        return Trials(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        columns = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "z"}
+        return Trials(**columns, z=columns["x"] if self.z is self.x else self.z[rows])
 
     def append(self, other: Trials) -> Trials:
         """This table followed by `other`; both have the same D, d and m."""
@@ -133,6 +163,7 @@ class Trials:
             "violation_bound": np.full(n, np.nan),
             "trust_region_length": np.full(n, np.nan),
             "marked_unsafe": np.zeros(n, bool),
+            "noise": np.full((n, 1 + n_safety), np.nan),
         }
         unknown = set(columns) - set(table)
         if unknown:

@@ -78,7 +78,7 @@ class Toy(Optimizer):
             raise NoSafePointError("the toy has seen enough")
         best = self.best()
         d = self.space.bounds.shape[1]
-        centre = np.full(d, 0.5) if best is None else self.space.to_unit(best.z)[0]
+        centre = np.full(d, 0.5) if best is None else self.space.to_unit(best.z[None])[0]
         points = np.clip(centre + self.step * self.rng.normal(size=(n, d)), 0, 1)
         return Proposal(points, trust_region_length=self.step)
 

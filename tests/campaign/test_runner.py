@@ -8,6 +8,7 @@ import signal
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import campaign_toys as toys
 import numpy as np
@@ -18,6 +19,7 @@ from hdsafebo.campaign.journal import Journal
 from hdsafebo.campaign.run_spec import RunSpec
 from hdsafebo.campaign.runner import RunResult, run
 from hdsafebo.errors import JournalError, ParamsError, StateFileError
+from hdsafebo.files.atomic import WriteError
 from hdsafebo.runs.schema import TIMES, Rows
 
 Patch = pytest.MonkeyPatch
@@ -171,7 +173,7 @@ def test_rows_keep_every_column_of_the_trials(tmp_path: Path) -> None:
 
 def test_initial_trials_depend_on_the_seed_only(tmp_path: Path) -> None:
     one = toys.run_toy(toys.toy_spec(tmp_path / "a")).rows
-    other_settings = toys.run_toy(toys.toy_spec(tmp_path / "b", beta=1.0, batch=5)).rows
+    other_settings = toys.run_toy(toys.toy_spec(tmp_path / "b", abstain_after=500, batch=5)).rows
     other_seed = toys.run_toy(toys.toy_spec(tmp_path / "c", seed=8)).rows
     assert (one["z"][:10] == other_settings["z"][:10]).all()
     assert (one["z"][:10] != other_seed["z"][:10]).all()
@@ -201,7 +203,7 @@ def test_whatever_determines_a_run_gives_it_a_journal_of_its_own(tmp_path: Path)
         {"batch": 4},
         {"initial": 11},
         {"seconds": 2e-9},
-        {"beta": 1.5},
+        {"abstain_after": 500},
         {"seed": 8},
     ):
         toys.run_toy(toys.toy_spec(tmp_path, **changes))  # type: ignore[arg-type]
@@ -324,11 +326,11 @@ def test_a_state_that_cannot_be_written_stops_the_run_and_it_continues_later(
     undisturbed = toys.run_toy(toys.toy_spec(tmp_path / "a"))
     spec = toys.toy_spec(tmp_path / "b")
 
-    def full(*arguments: object, **options: object) -> None:
-        raise OSError(28, "No space left on device")
+    def full(path: Path) -> NoReturn:
+        raise WriteError(f"{path}: cannot be written: No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("tempfile.mkstemp", full)
+        patch.setattr("hdsafebo.optimizers.core.state_file.replacing", full)
         with pytest.raises(StateFileError, match="No space left on device"):
             toys.run_toy(spec)
     assert_same(toys.run_toy(spec).rows, undisturbed.rows)

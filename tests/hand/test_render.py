@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import RenderingUnavailableError
-from hdsafebo.hand import render
-from hdsafebo.hand.render import SceneRenderer, pictures, record_video, save_png, write_video
+from hdsafebo.hand.render import SceneRenderer, pictures, record_video
 from hdsafebo.hand.rollout import Scene
+from hdsafebo.pictures import offscreen
+from hdsafebo.pictures.video import save_png, write_video
 
 SCENE = Scene("forearm", horizon=20)
 
@@ -59,7 +60,7 @@ def test_equal_frames_give_equal_videos(tmp_path: Path) -> None:
 def test_without_a_renderer_the_error_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(render, "find_library", lambda name: None)
+    monkeypatch.setattr(offscreen, "find_library", lambda name: None)
     with pytest.raises(RenderingUnavailableError, match=r"apt-get install libosmesa6.*none found"):
         record_video(SCENE, np.zeros((2, 43)), tmp_path / "none.mp4")
     assert not (tmp_path / "none.mp4").exists()

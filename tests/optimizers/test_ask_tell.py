@@ -41,12 +41,12 @@ def test_best_is_the_best_safe_trial(optimizer: HdSafeBO) -> None:
     best = optimizer.best()
     assert best is not None
     safe = optimizer.feasible
-    assert best.objective[0] == optimizer.trials.objective[safe].max()
-    assert optimizer.trials.objective.max() >= best.objective[0]
+    assert best.objective == optimizer.trials.objective[safe].max()
+    assert optimizer.trials.objective.max() >= best.objective
     optimizer.observe([[0.6] * 4], [99.0], [-1.0])
-    assert optimizer.best().objective[0] == best.objective[0]
+    assert optimizer.best().objective == best.objective
     optimizer.observe([[0.6] * 4], [98.0], [0.0])  # on the threshold is safe
-    assert optimizer.best().objective[0] == 98.0
+    assert optimizer.best().objective == 98.0
 
 
 def test_best_of_nothing_safe() -> None:

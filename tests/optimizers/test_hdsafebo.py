@@ -37,7 +37,7 @@ def test_line_6_box_around_the_best_safe_point(
     monkeypatch: pytest.MonkeyPatch, box: str, half: float
 ) -> None:
     optimizer = made_with(length_initial=0.2, box=box, unit="box")
-    centre = optimizer.best().x[0]
+    centre = optimizer.best().x
     (lower, upper), *_ = drawn(optimizer, monkeypatch)
     np.testing.assert_allclose(lower, np.clip(centre - half, 0, 1))
     np.testing.assert_allclose(upper, np.clip(centre + half, 0, 1))
@@ -171,7 +171,7 @@ def test_several_safety_functions() -> None:
     assert len(optimizer.surrogate.safety) == 2
     asked = optimizer.trials[optimizer.trials.round > 0]
     assert problem.is_safe(asked.safety).mean() > 0.9
-    assert optimizer.best().objective[0] > -0.02
+    assert optimizer.best().objective > -0.02
 
 
 @pytest.mark.parametrize("beta", [-2.0, 2.0])
@@ -180,7 +180,7 @@ def test_finds_the_constrained_optimum(beta: float) -> None:
     optimizer = HdSafeBO(bowl_problem(), beta=beta, seed=3)
     observe_initial(optimizer, 15)
     run_rounds(optimizer, 15)
-    assert optimizer.best().objective[0] > -0.01
+    assert optimizer.best().objective > -0.01
     asked = optimizer.trials[optimizer.trials.round > 0]
     safe = asked.safety[:, 0] >= 0
     assert safe.mean() > (0.95 if beta < 0 else 0.6)

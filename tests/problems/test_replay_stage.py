@@ -13,11 +13,11 @@ import pytest
 from report.run_files import trial_table, write_run
 
 from hdsafebo.errors import RenderingUnavailableError
-from hdsafebo.hand import render
 from hdsafebo.hand.render import SceneRenderer
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.synergies import Synergies, save_synergies
 from hdsafebo.params.hand import Hand, HandScene
+from hdsafebo.pictures import offscreen
 from hdsafebo.pipeline.stage import Stage
 from hdsafebo.pipeline.tracking import Tracker
 from hdsafebo.problems.hand import SYNERGY_FILE
@@ -89,7 +89,7 @@ def test_three_policies_are_drawn(script: ModuleType, stage: Stage) -> None:
 def test_without_a_renderer_a_notice_says_what_to_install(
     script: ModuleType, stage: Stage, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(render, "find_library", lambda name: None)
+    monkeypatch.setattr(offscreen, "find_library", lambda name: None)
     script.main(stage)
     assert "NOTICE [replay_policies]: no pictures of the best policies" in caplog.text
     content = policies(stage)

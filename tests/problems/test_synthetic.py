@@ -77,13 +77,13 @@ def test_local_variant_on_a_small_task() -> None:
     optimizer = make_optimizer("hdsafebo_local", problem, embedding=pca_of_initial(6)(x), seed=0)
     result = evaluated(problem, x)
     optimizer.observe(x, result.objective, result.safety, initial=True)
-    start = optimizer.best().objective[0]
+    start = optimizer.best().objective
     for _ in range(8):
         trials = optimizer.ask(5)
         result = problem.evaluate(trials)
         optimizer.tell(trials, result.objective, result.safety)
     asked = optimizer.trials[optimizer.trials.round > 0]
-    assert optimizer.best().objective[0] > start + 0.3
+    assert optimizer.best().objective > start + 0.3
     assert problem.is_safe(asked.safety).mean() > 0.9
 
 

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from hdsafebo.session.session import Session
-from tests.session.small import measured
+from tests.session.small import measured, refuse_open
 
 
 def work(directory: Path, acknowledged: Path) -> None:
@@ -29,7 +29,7 @@ def work(directory: Path, acknowledged: Path) -> None:
                 suggestion = session.suggest("ann")
                 acknowledge(f"suggested {suggestion.number}")
                 if suggestion.number % 5 == 0:
-                    session.refuse("ann", "no")
+                    refuse_open(session, "no")
                     acknowledge(f"refused {suggestion.number}")
                     continue
                 session.approve("ann", suggestion.number)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hdsafebo.session.log.state import Trial
+from hdsafebo.session.log.state import Suggestion, Trial
 from hdsafebo.session.patient.month import example_definition
+from hdsafebo.session.session import Session
 from hdsafebo.session.spaces.space import Report
 
 CURRENTS_MA = [0.05, 0.1, 0.2, 0.3, 0.4]
@@ -67,6 +68,16 @@ def write_box_files(folder: Path, kind: str = "box", n: int = 8) -> tuple[Path, 
 def measured(trial: Trial) -> Report:
     """What the bowl gives for a trial."""
     return Report(values=bowl(trial.point["values"]))
+
+
+def approve_open(session: Session) -> Trial:
+    """Approve the open suggestion."""
+    return session.approve("ann", session.state.suggestions[-1].number)
+
+
+def refuse_open(session: Session, reason: str) -> Suggestion:
+    """Refuse the open suggestion."""
+    return session.refuse("ann", reason, session.state.suggestions[-1].number)
 
 
 class FakeClock:

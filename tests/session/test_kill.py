@@ -22,7 +22,7 @@ Make = Callable[..., Session]
 
 def kill_again_and_again(session: Session, root: Path, kills: int, seed: int) -> None:
     """Start the working process and kill it, `kills` times; then compare log and acknowledgements."""
-    directory = session.store.path.parent
+    directory = session.store.directory
     acknowledged = directory.parent / "acknowledged"
     acknowledged.touch()
     random_moment = random.Random(seed)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import socket
 import threading
 import urllib.error
 import urllib.request
@@ -14,6 +16,7 @@ import pytest
 import uvicorn
 
 from hdsafebo.session.create import create_session
+from hdsafebo.session.errors import SessionError
 from hdsafebo.session.patient.month import answer, simulated_patient
 from hdsafebo.session.patient.responses import Responses
 from hdsafebo.session.session import Session
@@ -82,7 +85,7 @@ def bench(make_session: Any) -> Iterator[Served]:
     """The page of a box session."""
     session = make_session()
     session.close()
-    served = Served(session.store.path.parent)
+    served = Served(session.store.directory)
     yield served
     served.stop()
 
@@ -130,6 +133,106 @@ def test_stop_works_without_having_seen_the_latest(bench: Served) -> None:
     assert bench.step("resume")[0] == 200
 
 
+@pytest.mark.parametrize("body", [b"", b"no json", b"[1]", b'{"who": 7, "reason": []}', b"x" * 2**20])
+def test_a_stop_is_taken_however_it_is_sent(bench: Served, body: bytes) -> None:
+    code, _ = bench.post("stop", body)
+    assert code == 200
+    assert bench.status()["stopped"] == "stop button"
+    bench.status()
+    assert bench.step("resume")[0] == 200
+    assert bench.status()["stopped"] is None
+
+
+def test_a_stop_is_obeyed_before_its_request_has_arrived(bench: Served) -> None:
+    with socket.create_connection(("127.0.0.1", bench.port)) as wire:
+        head = "POST /api/stop HTTP/1.1|Host: localhost|X-Session-Page: 1|Content-Length: 99||"
+        wire.sendall(head.replace("|", "\r\n").encode())
+        wait_for(lambda: bench.status()["stopped"], "the stop")
+        answer_ = wire.recv(15)
+    assert answer_ == b"HTTP/1.1 200 OK"
+
+
+def test_a_stop_waits_for_nobody(bench: Served) -> None:
+    """A suggestion is being computed, 45 requests wait, and another program holds the log."""
+    head = bench.status()["head"]["hash"]
+    answers: list[int] = []
+    bodies = {
+        "look": {"point": {"values": [0.5, 0.5, 0.0]}},
+        "believed": {},
+        "note": {"who": "ann", "head": head, "text": "x"},
+        "manual": {"who": "ann", "head": head, "point": {"values": [0.5, 0.5, 0.0]}, "reason": ""},
+        "suggest": {"who": "ann", "head": head},
+    }
+    waiting = [
+        threading.Thread(target=lambda s=step: answers.append(bench.post(s, bodies[s])[0]))
+        for step in list(bodies) * 9
+    ]
+    directory = bench.page._viewer.store.directory
+    with bench.page._working, (directory / "lock").open("r+b") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for thread in waiting:
+            thread.start()
+        assert bench.post("stop", {"who": "", "reason": "it hurts"}) == (200, {})
+        assert bench.status()["stopped"] == "it hurts"
+        assert bench.status()["head"]["hash"] == head  # the log is locked: the stop waits for its place in it
+    for thread in waiting:
+        thread.join()
+    assert len(answers) == 45
+    assert set(answers) <= {200, 409, 422}
+    status = bench.status()
+    assert (status["stopped"], status["running"], status["suggestion"]) == ("it hurts", None, None)
+    kinds = [e.kind for e in Session.open(directory).entries]
+    assert "stopped" in kinds
+    assert not {"manual", "suggested"} & set(kinds)
+    assert bench.step("resume")[0] == 200
+    assert bench.step("suggest")[0] == 200
+
+
+def test_a_stop_on_a_disk_that_cannot_be_written_is_obeyed_and_says_so(
+    bench: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise SessionError("the disk is gone")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("hdsafebo.session.web.app.press", refuse)
+        assert bench.post("stop", {"who": "ann"}) == (507, {"error": "stopped, but the disk is gone"})
+    assert bench.status()["stopped"] == "stop button"
+    assert bench.step("suggest")[0] == 409
+    assert bench.step("note", text="notes are taken")[0] == 200
+    assert bench.step("resume")[0] == 200
+    kinds = [e.kind for e in Session.open(bench.page._viewer.store.directory).entries]
+    assert kinds[-2:] == ["stopped", "resumed"]
+
+
+def test_a_stop_that_others_resume_is_over_here_too(bench: Served) -> None:
+    bench.post("stop", {"who": "ann"})
+    other = Session.open(bench.page._viewer.store.directory)
+    other.resume("bob")
+    assert bench.status()["stopped"] is None
+    assert bench.step("suggest")[0] == 200
+
+
+@pytest.mark.parametrize(
+    "values",
+    ["[NaN, 0.5, 0]", "[null, 0.5, 0]", "[]", '["0.5", 0.5, 0]', "[1e400, 0.5, 0]", "[true, 0.5, 0]"],
+)
+def test_a_look_at_no_inputs_is_answered_without_a_belief(bench: Served, values: str) -> None:
+    code, result = bench.post("look", b'{"point": {"values": ' + values.encode() + b"}}")
+    assert code == 422
+    assert set(result) == {"error"}
+
+
+def test_looking_does_not_wait_for_the_model(bench: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hdsafebo.session.web.app._MODEL_S", 0.05)
+    with bench.page._working:
+        code, result = bench.post("look", {"point": {"values": [0.5, 0.5, 0.0]}})
+    assert code == 200
+    assert result["breaches"] == []
+    assert result["belief"] is None
+    assert "busy" in result["note"]
+
+
 def test_looking_at_inputs_changes_nothing(bench: Served) -> None:
     before = bench.status()["head"]
     code, result = bench.post("look", {"point": {"values": [0.5, 0.5, 0.0]}})
@@ -144,7 +247,7 @@ def test_the_believed_best_is_the_models(bench: Served) -> None:
     """For the present target, with its uncertainty."""
     code, before = bench.post("believed", {})
     assert code == 200
-    session = Session.open(bench.page._viewer.store.path.parent)
+    session = Session.open(bench.page._viewer.store.directory)
     believed = believed_best(session, ["speed"])["speed"]
     assert before["best"] == {
         "number": believed.trial.number,
@@ -180,7 +283,7 @@ def test_other_sites_and_foreign_names_are_turned_away(bench: Served) -> None:
 def test_a_page_that_others_reach_needs_its_token(make_session: Any) -> None:
     session = make_session()
     session.close()
-    served = Served(session.store.path.parent, token="secret-token")
+    served = Served(session.store.directory, token="secret-token")
     try:
         assert served.get("/")[0] == 401
         assert served.get("/api/status")[0] == 401
@@ -195,6 +298,70 @@ def test_a_page_that_others_reach_needs_its_token(make_session: Any) -> None:
 def test_what_counts_as_this_computer() -> None:
     assert all(map(is_loopback, ("127.0.0.1", "localhost", "::1", "[::1]", "127.9.9.9")))
     assert not any(map(is_loopback, ("0.0.0.0", "192.168.1.2", "localhost.example", "", "example.org", "::")))
+
+
+@needs_browser
+def test_the_page_says_nothing_about_inputs_that_were_not_looked_at(
+    tmp_path: Path, clinic_files: tuple[Path, Path]
+) -> None:
+    """All contacts off, then the program gone: no belief of former contacts, nothing to deliver."""
+    definition, initial = clinic_files
+    create_session(tmp_path / "s", definition, who="ann", initial=initial)
+    served = Served(tmp_path / "s")
+    find = "document.querySelector(arguments[0])"
+    fill = f"return {find}.getAttribute('fill')"
+    believed = "return document.querySelector('#belief').textContent"
+    ready = "return !document.querySelector('button[data-step=\"Deliver this\"]').disabled"
+    try:
+        with Browser(tmp_path / "profile") as browser:
+            browser.open(served.address)
+            browser.type("#who", "Ann")
+            wait_for(lambda: browser.text("#title") == "Ready", "the page")
+            browser.click("button[data-step=Suggest]")
+            wait_for(lambda: browser.text("#title").startswith("Suggestion 1"), "a suggestion")
+            browser.click("button[data-step=Change]")
+            assert browser.run(believed) == ""  # until exactly these inputs were looked at
+            assert browser.run(ready) is False
+            wait_for(lambda: browser.run(ready), "the look")
+            assert "%" in browser.run(believed)
+            for contact in range(1, 17):
+                box = f"#paddle rect[data-contact='{contact}']"
+                while browser.run(fill, box) != "#ffffff":
+                    browser.run(f"{find}.dispatchEvent(new Event('click'))", box)
+            assert browser.run(believed) == ""
+            assert browser.run(ready) is False
+            wait_for(lambda: "at least one cathode" in browser.text("#breaches"), "what is wrong")
+            assert browser.run(believed) == ""
+            assert browser.run(ready) is False
+            browser.click("button[data-step=Back]")
+            browser.click("button[data-step=Change]")
+            wait_for(lambda: browser.run(ready), "the look")
+            served.stop()
+            browser.run("const i = document.querySelector('#values input'); i.value = '0.1'; i.oninput();")
+            assert browser.run(ready) is False
+            wait_for(lambda: "cannot be looked at" in browser.text("#breaches"), "the refusal")
+            assert browser.run(believed) == ""
+            assert browser.run(ready) is False
+    finally:
+        served.stop()
+
+
+@needs_browser
+def test_stop_does_not_wait_for_the_browsers_other_requests(make_session: Any, tmp_path: Path) -> None:
+    """A browser keeps six connections to an address; all of them are waiting."""
+    session = make_session()
+    served = Served(session.store.directory)
+    try:
+        with Browser(tmp_path / "profile") as browser:
+            browser.open(served.address)
+            wait_for(lambda: browser.text("#title") == "Ready", "the page")
+            with served.page._working:
+                browser.run("for (let i = 0; i < 20; i++) call('believed', {}).catch(() => 0);")
+                browser.click("#stop")
+                wait_for(lambda: browser.text("#stopped").startswith("Stopped"), "the stop")
+                assert served.page._halted is not None or session.store.read()
+    finally:
+        served.stop()
 
 
 @needs_browser

@@ -67,4 +67,4 @@ def test_a_corrected_recording_is_sent_when_record_is_pressed_again(
         wait_for(lambda: browser.text("#title") == "Ready", "the record")
     session.refresh()
     assert session.state.trials[-1].details["recording"]["name"] == "trial133.csv"
-    assert session.store.file(session.state.trials[-1].details["recording"]["sha256"]) == whole
+    assert session.store.attachments.content(session.state.trials[-1].details["recording"]["sha256"]) == whole

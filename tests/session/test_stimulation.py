@@ -28,7 +28,7 @@ from hdsafebo.session.spaces.stimulation import StimulationSpace, arrays
 from hdsafebo.session.views.audit import replay
 from hdsafebo.spinal.configurations import enumerate_configurations
 from tests.session.measuring.test_stimulator import allowed_by_hand
-from tests.session.small import CURRENTS_MA, FakeClock, small_definition
+from tests.session.small import CURRENTS_MA, FakeClock, approve_open, refuse_open, small_definition
 
 Clinic = tuple[Session, SimulatedPatient]
 
@@ -94,7 +94,7 @@ def test_broken_contacts_and_priors_bind_every_suggestion(
         assert point["polarity"][3] == 0
         assert sorted(p for p in point["polarity"] if p) == [-1, 1]
         assert point["current_ma"] <= 0.15
-        session.refuse("ann", "only looking")
+        refuse_open(session, "only looking")
     with pytest.raises(LimitError, match="impedance of a contact is 9000 ohm"):
         session.manual("ann", session.space.parse("4- 5+ at 0.1 mA", None))
 
@@ -171,11 +171,13 @@ def test_scores_and_recordings_are_checked_and_the_session_goes_on(clinic: Clini
     done = session.record("ann", Report(recording, good))
     assert done.safety == {"score": min(good.values())}
     session.manual("ann", session.space.parse("1- 2+ at 0.05 mA", None))
-    unlabelled = response.recording.split(b"time_s")[1]
-    session.record("ann", Report((b"time_s" + unlabelled, "again.csv"), good))
-    session.manual("ann", session.space.parse("1- 2+ at 0.05 mA", None))
-    with pytest.raises(RecordingError, match="belongs to trial 134 already"):
-        session.record("ann", Report((b"time_s" + unlabelled, "again.csv"), good))
+    unlabelled = b"time_s" + response.recording.split(b"time_s")[1]
+    for content in (unlabelled, b"# a remark: 1\n" + unlabelled, unlabelled + b"\n"):
+        with pytest.raises(RecordingError, match="belongs to trial 133 already"):
+            session.record("ann", Report((content, "again.csv"), good))
+    again = session.record("ann", Report((b"# a remark: 1\n" + unlabelled, "again.csv"), good), done.number)
+    assert again == done  # the same samples for the same trial: recorded already
+    session.record("ann", Report(values=good))
 
 
 def test_a_missing_recording_keeps_the_scores(clinic: Clinic) -> None:
@@ -194,7 +196,7 @@ def test_a_missing_recording_keeps_the_scores(clinic: Clinic) -> None:
 def test_no_current_above_an_unsafe_one_is_suggested_for_the_same_contacts(clinic: Clinic) -> None:
     session, _ = clinic
     point = session.suggest("ann").point
-    trial = session.approve("ann")
+    trial = approve_open(session)
     session.record("ann", Report(values={"patient": 0.0, "therapist": 9.0}))
     search = session.search()
     rows = search.beyond(trial.point)
@@ -207,7 +209,7 @@ def test_no_current_above_an_unsafe_one_is_suggested_for_the_same_contacts(clini
         assert not (
             following["polarity"] == point["polarity"] and following["current_ma"] >= point["current_ma"]
         )
-        session.refuse("ann", "only looking")
+        refuse_open(session, "only looking")
 
 
 @pytest.mark.parametrize(

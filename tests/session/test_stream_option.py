@@ -43,7 +43,7 @@ def amplifier(muscles: list[str]) -> Amplifier:
 
 
 def record(*words: str) -> None:
-    main(["session", "record", "s", "--who", "ann", *words])
+    main(["session", "record", "s", "--who", "ann", "--trial", "133", *words])
 
 
 def deliver_when_asked(monkeypatch: pytest.MonkeyPatch, device: Amplifier, answers: list[str]) -> list[str]:
@@ -78,7 +78,7 @@ def test_a_trial_is_recorded_from_a_stream(bench: Session, monkeypatch: pytest.M
     assert trial.safety == {"score": 7.0}
     np.testing.assert_allclose(trial.details["mu"], 40.0 * np.arange(1, 9) / 800.0)
     kept = Path("trial133.csv").read_bytes()
-    assert bench.store.file(trial.details["recording"]["sha256"]) == kept
+    assert bench.store.attachments.content(trial.details["recording"]["sha256"]) == kept
 
 
 def test_a_recording_outlives_a_record_that_fails(

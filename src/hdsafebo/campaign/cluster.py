@@ -1,4 +1,4 @@
-"""The Dask cluster as an executor, with an error for everything that would make it wait without end."""
+"""The Dask cluster as an executor, with an error wherever Dask would wait without end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NO_WORKERS_S = 60
 
 @contextmanager
 def connected(scheduler: str) -> Iterator[tuple[Executor, Callable[[], None]]]:
-    """Connect to a cluster, which gives the jobs of a dying worker to another one.
+    """Connect to a cluster, which gives the jobs of a dying worker to another worker.
 
     Args:
         scheduler: its address, such as `tcp://10.0.0.1:8786`.
@@ -40,7 +40,7 @@ def connected(scheduler: str) -> Iterator[tuple[Executor, Callable[[], None]]]:
     try:
         client = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise _failed(scheduler, f"no Dask scheduler answers there ({error})") from error
+        raise _failed(scheduler, f"no Dask scheduler answers at this address ({error})") from error
     try:
         yield client.get_executor(pure=False), _Vitals(client, scheduler).check
     except CancelledError as error:

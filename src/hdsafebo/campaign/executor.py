@@ -88,7 +88,7 @@ def _in_processes(
     watcher: Watcher,
     workers: int,
 ) -> None:
-    """Run on a pool; what a dying worker takes with it is submitted once more to a new pool."""
+    """Run on a pool; jobs that a dying worker takes along are submitted once more, to a new pool."""
     lost = list(items)
     for attempt in ("first", "second"):
         with _one_thread_each(), _pool(min(workers, len(lost))) as pool:
@@ -115,7 +115,7 @@ def _pool(workers: int) -> ProcessPoolExecutor:
 def _end_with_parent() -> None:
     """Let this worker end when the process that started it is gone, even if that was killed.
 
-    It would otherwise go on beside the run's next start.
+    A worker left behind would compute the same run beside the next start.
     """
     parent = multiprocessing.parent_process()
 

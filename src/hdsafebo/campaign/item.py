@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from hdsafebo.campaign.executor import execute
-from hdsafebo.campaign.journal import make_durable_directory
 from hdsafebo.campaign.progress import ProgressWatcher
 from hdsafebo.campaign.run_spec import RunSpec, budget_of, settings_of
 from hdsafebo.campaign.runner import RunResult, run
 from hdsafebo.errors import JournalError, ParamsError
+from hdsafebo.files.durable import make_durable_directory
 from hdsafebo.params import Params
 from hdsafebo.pipeline.store import home_of
 from hdsafebo.pipeline.tracking import Tracker

@@ -12,7 +12,6 @@ SHA-256 of the previous digest followed by `KEY VALUE`.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -22,6 +21,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hdsafebo.errors import JournalError
+from hdsafebo.files.atomic import sync_directory
+from hdsafebo.files.durable import append_durably, locked, make_durable_directory
 
 _DIGEST_LENGTH = 64
 _START = "0" * _DIGEST_LENGTH
@@ -49,7 +50,7 @@ class Journal:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
             sync_directory(path.parent)
         try:
-            with self._locked():
+            with locked(self._file):
                 self._catch_up()
         except BaseException:
             self.close()
@@ -63,7 +64,7 @@ class Journal:
             value: plain data with finite numbers.
 
         Returns:
-            True if the record is new, False if the same one is there already.
+            True if the record is new, False if the journal holds the same record.
 
         Raises:
             JournalError: the key has another value (the first is kept), or the disk is full or cannot
@@ -72,7 +73,7 @@ class Journal:
         if not key or any(c.isspace() for c in key):
             raise JournalError(f"{self.path}: key {key!r}; expected a name without white space")
         text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
-        with self._explained("written"), self._locked():
+        with self._explained("written"), locked(self._file):
             self._catch_up()
             if key in self._digests:
                 if self._digests[key] != _sha256(text):
@@ -82,13 +83,13 @@ class Journal:
                 return False
             digest = _chain(self._digest, key, text)
             line = f"{digest} {key} {text}\n".encode()
-            self._write(line)
+            append_durably(self._file, self._end, line)
             self._accept(key, text, digest, len(line))
         return True
 
     def refresh(self) -> None:
         """Read what other processes appended."""
-        with self._explained("read"), self._locked():
+        with self._explained("read"), locked(self._file):
             self._catch_up()
 
     def close(self) -> None:
@@ -102,18 +103,6 @@ class Journal:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
-
-    def _write(self, line: bytes) -> None:
-        """Write and sync a whole line, or leave the file as it was."""
-        try:
-            done = 0
-            while done < len(line):
-                done += os.pwrite(self._file, line[done:], self._end + done)
-            os.fsync(self._file)
-        except OSError:
-            with suppress(OSError):  # if this fails too, the next reader drops the incomplete line
-                os.ftruncate(self._file, self._end)
-            raise
 
     def _catch_up(self) -> None:
         """Read from the last known good byte to the end; needs the lock."""
@@ -170,39 +159,14 @@ class Journal:
         self._end += length
 
     @contextmanager
-    def _locked(self) -> Iterator[None]:
-        fcntl.flock(self._file, fcntl.LOCK_EX)
-        try:
-            yield
-        finally:
-            fcntl.flock(self._file, fcntl.LOCK_UN)
-
-    @contextmanager
     def _explained(self, action: str) -> Iterator[None]:
         try:
             yield
         except OSError as error:
             raise JournalError(
                 f"{self.path}: cannot be {action}: {error.strerror}; "
-                "what was acknowledged before is kept, and the run continues from there when started again"
+                "what was acknowledged before is kept, and a run that is started again goes on after it"
             ) from error
-
-
-def make_durable_directory(path: Path) -> None:
-    """Make a directory and its parents so that they survive a power cut."""
-    missing = [p for p in (path, *path.parents) if not p.exists()]
-    path.mkdir(parents=True, exist_ok=True)
-    for made in missing:
-        sync_directory(made.parent)
-
-
-def sync_directory(path: Path) -> None:
-    """Make the entries of a directory durable."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _chain(previous: str, key: str, text: str) -> str:

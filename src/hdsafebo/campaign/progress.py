@@ -79,7 +79,7 @@ class ProgressWatcher:
         with suppress(OSError):
             (self._directory / _LEADER).write_text(str(self._polls))
         for seed in self._done:
-            with suppress(OSError, ValueError):  # not there yet, or just being written
+            with suppress(OSError, ValueError):  # the worker has not written its file yet, or is writing
                 self._set(seed, int((self._directory / str(seed)).read_text()))
 
     def finish(self, seed: int, trials: int) -> None:

@@ -59,7 +59,7 @@ def points_digest(trials: Trials) -> str:
 
 
 class RunJournal:
-    """What is on disk of one run; one process at a time.
+    """The files of a run; one process at a time.
 
     Attributes:
         directory: the run's directory.
@@ -68,7 +68,7 @@ class RunJournal:
         outcome: how the run ended, plain data; None while it is not complete.
 
     Args:
-        directory: the journal's directory, with those of all runs.
+        directory: of the journal, which holds the directories of all runs.
         name: readable part of the run's directory.
         identity: everything that determines the run, plain data.
         patience_s: how long to wait for a process that computes the same run.
@@ -164,7 +164,7 @@ class RunJournal:
         return [Round(record["points"], _from_plain(record["rows"])) for record in records]
 
     def _read_state(self) -> tuple[int, Path] | None:
-        """The newest state that was acknowledged; older and unfinished ones are removed."""
+        """The newest state that was acknowledged; older and unfinished states are removed."""
         numbers = self._numbers(_STATE_PREFIX)
         if not numbers or _OUTCOME in self._log.records:
             self._keep_state(None)
@@ -183,7 +183,7 @@ class RunJournal:
         return sorted(int(key.removeprefix(prefix)) for key in self._log.records if key.startswith(prefix))
 
     def _keep_state(self, kept: Path | None) -> None:
-        """Remove older states, and what a killed process left of an unfinished one."""
+        """Remove older states, and unfinished states that a killed process left."""
         for path in self.directory.glob(f"*{_STATE_PREFIX}*"):
             if path != kept:
                 path.unlink()

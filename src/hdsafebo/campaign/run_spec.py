@@ -62,7 +62,7 @@ class RunSpec:
 
     @property
     def journal(self) -> Path:
-        """Directory of all journals; no output of the pipeline, which deletes those before a stage runs."""
+        """Directory of all journals; no output of a stage: DVC deletes outputs before a stage runs."""
         return Path(self.home or self.root) / ".journal"
 
     def checked_params(self) -> Params:
@@ -93,7 +93,7 @@ def budget_of(params: Params, task: str) -> Budget:
 
 
 def settings_of(params: Params, task: str, method: str) -> MethodSettings:
-    """Settings of a method on a task: those on all tasks, and those of the task's family."""
+    """Settings of a method on a task: those for all tasks, then those for the family of the task."""
     family = getattr(params.tasks, family_of(task))
     return params.methods[method].settings | family.settings.get(method, {})
 

@@ -22,7 +22,8 @@ from hdsafebo.campaign.run_spec import RunSpec, budget_of, identity_of, settings
 from hdsafebo.errors import JournalError, NoSafePointError, SurrogateError
 from hdsafebo.gp.safe_set import alpha_of
 from hdsafebo.optimizers.base import Optimizer
-from hdsafebo.optimizers.registry import load_optimizer, make_optimizer
+from hdsafebo.optimizers.registry import load_optimizer, make_optimizer, method_class
+from hdsafebo.optimizers.settings import CentreSettings
 from hdsafebo.params import Params, Space
 from hdsafebo.problem import Problem
 from hdsafebo.problems.registry import Task, make_task
@@ -56,7 +57,7 @@ class RunResult:
 
 
 def run(spec: RunSpec) -> RunResult:
-    """Compute a run, or what is missing of it.
+    """Compute a run, or the rounds that its journal lacks.
 
     Raises:
         JournalError: its files are damaged, cannot be written, or are not reproduced.
@@ -88,6 +89,7 @@ class _Run:
         self.initial, self.candidate = self.problem.initial(self.budget.initial, spec.initial_rng())
         latent = method.space == "latent" and task.embedding is not None
         embedding = task.embedding(self.initial) if latent and task.embedding is not None else None
+        settings = settings_of(params, spec.task, spec.method)
         self.space: Space = "latent" if latent else "original"
         state = journal.state
         self.saved_rounds = 0 if state is None else state[0] + 1
@@ -99,7 +101,7 @@ class _Run:
                 embedding=embedding,
                 seed=spec.method_seed(),
                 bounds=task.latent_bounds if latent else None,
-                **settings_of(params, spec.task, spec.method),
+                **(_fill_rounds(method.algorithm, settings) | settings),
             )
         else:
             self.optimizer = load_optimizer(method.algorithm, state[1], self.problem, embedding)
@@ -218,11 +220,11 @@ class _Run:
         raise JournalError(
             f"{self.journal.directory}: {what} the journal holds for trials {trials.id[0]} to "
             f"{trials.id[-1]}: another machine or library computes other bits; continue where the run "
-            "was begun, or remove this directory to compute it again"
+            "was begun, or remove this directory to compute the run again"
         )
 
     def _save_state_sometimes(self) -> None:
-        """Save the state when that takes a small share of the time since it was saved last."""
+        """Save the state when saving takes a small share of the time since the last save."""
         if time.monotonic() - self._state_time < self._state_seconds / _STATE_SHARE:
             return
         start = time.monotonic()
@@ -260,3 +262,15 @@ def _evaluation_of(entry: Round, problem: Problem) -> Evaluation:
     """The results that the journal holds of a round."""
     safety = np.stack([entry.rows[name] for name in safety_columns(problem)], axis=1)
     return Evaluation(entry.rows["objective"], safety, entry.rows["status"] == "failed")
+
+
+def _fill_rounds(method: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """Setting of a method that could abstain and must not: methods are compared at equal numbers of trials.
+
+    A trial that was not believed safe is marked, and counts as what it turns out to be.
+    """
+    kind, fixed = method_class(method)
+    needs_safe_trial = (
+        issubclass(kind.Settings, CentreSettings) and (fixed | settings).get("start") != "centre"
+    )
+    return {"empty_safe_set": "mark"} if needs_safe_trial else {}

@@ -19,10 +19,10 @@ class WriteError(HdSafeBOError):
 
 @contextmanager
 def replacing(path: Path, error: type[HdSafeBOError] = WriteError, *, advice: str = "") -> Iterator[Path]:
-    """Write a file under another name and give it its own when it is complete and on the disk.
+    """Write a file under another name, and rename the file when it is complete and on the disk.
 
     A symbolic link stays a link, and the file that it points to is replaced. The permissions of a file that
-    is replaced are kept; a new file gets those that `open` would give it.
+    is replaced are kept; a new file gets the permissions that `open` would give.
 
     Args:
         path: the file; it and its parent directories may be missing.
@@ -30,8 +30,8 @@ def replacing(path: Path, error: type[HdSafeBOError] = WriteError, *, advice: st
         advice: end of the message, what is kept or what to do next.
 
     Yields:
-        Where to write, a path in the same directory with the same suffix. Whoever writes to it may close
-        the file at once; it is flushed to the disk here.
+        Where to write, a path in the same directory with the same suffix. The writer may close
+        the file at once: this function flushes the content to the disk.
 
     Raises:
         HdSafeBOError: as `error`: the file cannot be written; what was at `path` before is still there.

@@ -20,7 +20,7 @@ from hdsafebo.errors import HdSafeBOError
 from hdsafebo.files.atomic import replacing
 
 MAX_BYTES = 2**18
-MAX_NODES = 100_000  # keys and values, each alias counted with all that it stands for
+MAX_NODES = 100_000  # keys and values, with aliases written out
 MAX_DEPTH = 50
 MAX_INTEGER = 2**63 - 1
 _MERGE = "tag:yaml.org,2002:merge"
@@ -55,7 +55,7 @@ def parse_mapping(text: str, source: str, error: type[HdSafeBOError]) -> dict[st
 
     Args:
         text: the YAML.
-        source: where it is from, for messages.
+        source: the file, for messages.
         error: what is raised.
 
     Raises:
@@ -117,10 +117,10 @@ def _check(
     """Number of keys and values that a node stands for, aliases written out.
 
     Args:
-        node: its root.
-        key: under which it stands; None at the top.
+        node: the node.
+        key: under which the node stands; None at the top.
         constructor: of scalars.
-        sizes: of the nodes that were checked before; an alias is the node that it stands for.
+        sizes: of the nodes that were checked before; an alias is the very node that was anchored.
         within: the nodes that contain this one.
     """
     if node in within:
@@ -170,7 +170,7 @@ def _check_scalar(node: ScalarNode, key: str | None, constructor: SafeConstructo
     except (ValueError, KeyError, AttributeError, ConstructorError) as fault:
         if node.tag not in constructor.yaml_constructors:  # no constructor for the tag, which `fault` says
             raise
-        # Those that exist fail as they happen to.
+        # A constructor for the tag fails with whatever error it happens to cause.
         raise _Fault(node, f"{node.value[:80]!r} is no {kind}", key) from fault
     if isinstance(value, int) and abs(value) > MAX_INTEGER:
         raise _Fault(node, f"the integer {node.value[:80]} is beyond {MAX_INTEGER} in size", key)

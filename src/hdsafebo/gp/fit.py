@@ -31,6 +31,8 @@ _THOROUGH_EVERY = 10
 """The first fits and every tenth scan: few trials leave several maxima, and a warm start stays in its own."""
 _PSEUDO = 2.0
 """The signal variance is drawn to one (of standardised outcomes) with the weight of two observations."""
+_SIGNAL_VARIANCES = (1e-4, 1.0, 0.3, 0.03, 100.0)
+"""Of standardised outcomes with known noise: the least, three to begin with, the largest."""
 _JITTERS = (0.0, 1e-8, 1e-6, 1e-4, 1e-2)
 """Tried in this order, so that the diagonal grows by no more than the factorisation needs."""
 
@@ -62,6 +64,31 @@ class NoisePrior:
     first: tuple[float, ...] = (1e-4, 1e-2, 0.2)
 
 
+@dataclass(frozen=True)
+class KnownNoise:
+    """Noise of standardised outcomes that is known.
+
+    Attributes:
+        variance: mean over the data.
+        relative: (n,) variances of the data over their mean.
+    """
+
+    variance: float
+    relative: FloatArray
+
+    @classmethod
+    def of(cls, deviations: FloatArray) -> KnownNoise:
+        """From (n,) standard deviations of the standardised outcomes."""
+        variances = deviations**2
+        mean = float(variances.mean())
+        return cls(mean, variances / mean)
+
+    def prior(self) -> NoisePrior:
+        """The ratios that leave the signal a likely variance, all of them equally likely beforehand."""
+        ratios = [self.variance / q for q in _SIGNAL_VARIANCES]
+        return NoisePrior(ratios[1], np.inf, ratios[-1], ratios[0], tuple(ratios[1:-1]))
+
+
 def fit_gaussian_process(
     inputs: FloatArray,
     distances: FloatArray,
@@ -70,6 +97,7 @@ def fit_gaussian_process(
     start: Hyperparameters | None = None,
     limits: LengthScaleLimits | None = None,
     noise: NoisePrior | None = None,
+    known_noise: FloatArray | None = None,
     refine: bool = True,
 ) -> GaussianProcess:
     """Fit by maximum a posteriori.
@@ -84,6 +112,8 @@ def fit_gaussian_process(
         start: hyper-parameters of the last fit of the same function.
         limits: of the length scale.
         noise: prior of the noise ratio.
+        known_noise: (n,) standard deviations of the outcomes, where they are known; in place of a noise
+            ratio the signal variance is then searched.
         refine: False keeps length scale and noise ratio of `start`, if there is one.
 
     Raises:
@@ -91,13 +121,16 @@ def fit_gaussian_process(
             the largest jitter.
     """
     outcomes = Outcomes.of(y)
+    known = None if known_noise is None else KnownNoise.of(known_noise / outcomes.scale)
     noise = noise or NoisePrior()
+    noise = noise if known is None else known.prior()
     search = _Search(
         distances,
         outcomes.standardise(y),
         start or _first_guess(distances, inputs.shape[1], noise),
         limits or LengthScaleLimits(),
         noise,
+        known,
     )
     refine = refine or start is None
     if start is None:
@@ -124,7 +157,15 @@ def fit_gaussian_process(
     )
     weights = solve_triangular(best.factor, best.residual, lower=True, trans=1, check_finite=False)
     return GaussianProcess(
-        inputs, search.values, outcomes, hyper, best.mean, best.variance, best.factor, weights
+        inputs,
+        search.values,
+        outcomes,
+        hyper,
+        best.mean,
+        best.variance,
+        best.factor,
+        weights,
+        None if known is None else known.relative,
     )
 
 
@@ -162,7 +203,9 @@ class _Search:
         start: Hyperparameters,
         limits: LengthScaleLimits,
         noise: NoisePrior,
+        known: KnownNoise | None,
     ) -> None:
+        self.known = known
         self.distances = distances
         self.values = values
         self.start = start
@@ -225,7 +268,8 @@ class _Search:
     def _evaluate(self, theta: tuple[float, float], jitter: float) -> _Evaluation | None:
         n = len(self.values)
         covariance = matern52(self.distances, np.exp(theta[0]))
-        covariance.flat[:: n + 1] = 1.0 + np.exp(theta[1]) + jitter
+        relative = 1.0 if self.known is None else self.known.relative
+        covariance.flat[:: n + 1] = 1.0 + np.exp(theta[1]) * relative + jitter
         # The transpose of the symmetric matrix is in LAPACK's own memory order: no copy is made.
         factor, failed = lapack.dpotrf(covariance.T, lower=1, clean=1, overwrite_a=1)
         if failed:
@@ -234,8 +278,13 @@ class _Search:
         # With L^-1 y and L^-1 1 at hand, mean (generalised least squares) and variance are closed forms.
         mean = float(half[:, 0] @ half[:, 1] / (half[:, 1] @ half[:, 1]))
         residual = half[:, 0] - mean * half[:, 1]
-        variance = float((residual @ residual + _PSEUDO) / (n + _PSEUDO))
+        squares = float(residual @ residual + _PSEUDO)
+        variance = squares / (n + _PSEUDO) if self.known is None else self.known.variance / np.exp(theta[1])
         density = -0.5 * (n + _PSEUDO) * np.log(variance) - np.log(np.diag(factor)).sum()
+        if (
+            self.known is not None
+        ):  # otherwise the variance that maximises the density, and this is a constant
+            density -= 0.5 * squares / variance
         # Log-normal priors keep apart what few data cannot: a long scale with noise, a short one without.
         density -= 0.5 * ((theta[0] - np.log(self.start.reference)) / _LENGTH_SPREAD) ** 2
         density -= 0.5 * ((theta[1] - np.log(self.noise.mode)) / self.noise.spread) ** 2

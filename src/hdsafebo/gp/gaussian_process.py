@@ -61,6 +61,10 @@ class GaussianProcess:
         variance: q, standardised.
         factor: (n, n) lower Cholesky factor of k(inputs, inputs) + ratio * 1.
         weights: (n,) solution of (k + ratio * 1) w = values - m.
+        relative_noise: (n,) noise variances of the data over their mean, where they are known and may differ;
+            `ratio` is then that of the mean, times this on the diagonal.
+        predicted_noise: variance of one measurement over the signal variance, added to predicted variances
+            when predictions are of what will be measured; 0 when they are of the function.
     """
 
     inputs: FloatArray
@@ -71,6 +75,14 @@ class GaussianProcess:
     variance: float
     factor: FloatArray
     weights: FloatArray
+    relative_noise: FloatArray | None = None
+    predicted_noise: float = 0.0
+
+    @property
+    def noise_ratios(self) -> FloatArray:
+        """(n,) noise variance of each datum over the signal variance."""
+        relative = np.ones(len(self.values)) if self.relative_noise is None else self.relative_noise
+        return self.hyper.noise_ratio * relative
 
     @property
     def length_scale(self) -> float:
@@ -91,7 +103,7 @@ class GaussianProcess:
         return self.outcomes.restore(self.mean + self.correlation(x) @ self.weights)
 
     def predict(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(k,) posterior means and deviations of the function, without noise, at (k, p) kernel inputs."""
+        """(k,) posterior means and deviations at (k, p) kernel inputs; of noise, `predicted_noise` alone."""
         k = self.correlation(x)
         return self.outcomes.restore(self.mean + k @ self.weights), self.deviation(k)
 
@@ -99,14 +111,14 @@ class GaussianProcess:
         """(k,) posterior standard deviation of points whose (k, n) correlation with the data is given."""
         v = solve_triangular(self.factor, correlation.T, lower=True, check_finite=False)
         remaining = np.maximum(1.0 - np.einsum("ij,ij->j", v, v), _LEAST_VARIANCE)
-        return self.signal_deviation * np.sqrt(remaining)
+        return self.signal_deviation * np.sqrt(remaining + self.predicted_noise)
 
     def predict_with_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Posterior mean, deviation (k,) and their gradients (k, p); meant for few points."""
         k, slope = matern52_with_slope(self._distances(x, self.inputs), self.length_scale)
         q = k @ self._inverse
         remaining = np.maximum(1.0 - np.einsum("ij,ij->i", q, k), _LEAST_VARIANCE)
-        deviation = self.signal_deviation * np.sqrt(remaining)
+        deviation = self.signal_deviation * np.sqrt(remaining + self.predicted_noise)
         mean_gradient = self.outcomes.scale * _pull(slope * self.weights, x, self.inputs)
         variance_gradient = -2.0 * self.signal_deviation**2 * _pull(slope * q, x, self.inputs)
         mean = self.outcomes.restore(self.mean + k @ self.weights)

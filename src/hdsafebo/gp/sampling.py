@@ -38,7 +38,8 @@ class SamplePaths:
         scale = np.sqrt(gp.variance / frequencies)
         self._cosine = scale * rng.standard_normal((frequencies, count))
         self._sine = scale * rng.standard_normal((frequencies, count))
-        noise = np.sqrt(gp.variance * gp.hyper.noise_ratio) * rng.standard_normal((len(gp.values), count))
+        noise = np.sqrt(gp.variance * gp.noise_ratios)[:, None]
+        noise = noise * rng.standard_normal((len(gp.values), count))
         missed = (gp.values - gp.mean)[:, None] - self._prior(gp.inputs) - noise
         self._weights = cho_solve((gp.factor, True), missed, check_finite=False)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,11 @@ from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.gp.safe_set import safe_probability, violation_bound
 from hdsafebo.problem import Safety
 from hdsafebo.typing import FloatArray
+
+_COMPLETES = 0.5
+"""Threshold between failed (0) and completed (1)."""
+_FAILURES = NoisePrior(mode=1e-3, spread=1.0, least=1e-5, most=0.03, first=(1e-3,))
+"""A larger noise would explain each failure as an accident that says nothing of its neighbours."""
 
 
 class DistanceCache:
@@ -126,13 +131,21 @@ class Surrogate(Beliefs):
 
     Attributes:
         objective: model of the objective.
-        safety: one model per modelled safety function, in the problem's order.
-        thresholds: (m,) of the modelled safety functions, in the units of their models (after `transform`).
+        safety: one model per modelled safety function, in the problem's order; then, where failed trials
+            teach, one of whether a trial completes (1) or fails (0).
+        thresholds: (m,) of these, in the units of their models (after `transform`).
+        completion: whether that last one is there.
     """
 
     objective: GaussianProcess
     safety: tuple[GaussianProcess, ...]
     thresholds: FloatArray
+    completion: bool = False
+
+    @property
+    def measured(self) -> int:
+        """Number of safety functions that are measured quantities."""
+        return len(self.safety) - self.completion
 
     @property
     def state(self) -> SurrogateState:
@@ -174,8 +187,9 @@ class Surrogate(Beliefs):
     def believed_safe(self, x: FloatArray, beta: float) -> NDArray[np.bool_]:
         """(k,) True where mu + beta * sigma >= h for every safety function.
 
-        Sigma lies between 0 and the prior deviation, so the mean alone decides most points; the rest, and
-        only they, cost a triangular solve.
+        Sigma lies between 0 and the prior deviation (with the noise of a measurement added to both, where
+        that is predicted), so the mean alone decides most points; the rest, and only they, cost a triangular
+        solve.
         """
         safe = np.ones(len(x), bool)
         for gp, threshold in zip(self.safety, self.thresholds, strict=True):
@@ -184,7 +198,8 @@ class Surrogate(Beliefs):
                 break
             correlation = gp.correlation(x[rows])
             mean = gp.outcomes.restore(gp.mean + correlation @ gp.weights)
-            ends = np.sort(beta * gp.signal_deviation * np.array([0.0, 1.0])) + mean[:, None] - threshold
+            limits = gp.signal_deviation * np.sqrt(gp.predicted_noise + np.array([0.0, 1.0]))
+            ends = np.sort(beta * limits) + mean[:, None] - threshold
             undecided = (ends[:, 0] < 0) & (ends[:, 1] >= 0)
             passed = ends[:, 0] >= 0
             passed[undecided] = mean[undecided] + beta * gp.deviation(correlation[undecided]) >= threshold
@@ -197,7 +212,8 @@ class Surrogate(Beliefs):
 
     def violation_bound(self, x: FloatArray, beta: float | None) -> FloatArray:
         """(k,) bound on the expected violation (see `safe_set.violation_bound`), in the models' units."""
-        return violation_bound(*self.predict_safety(x), self.thresholds, beta)
+        mean, deviation = (values[:, : self.measured] for values in self.predict_safety(x))
+        return violation_bound(mean, deviation, self.thresholds[: self.measured], beta)
 
 
 def modelled_safety(functions: Sequence[Safety], values: FloatArray) -> FloatArray:
@@ -229,6 +245,7 @@ def fit_surrogate(
     cache: DistanceCache | None = None,
     limits: LengthScaleLimits | None = None,
     noise: NoisePrior | None = None,
+    known_noise: FloatArray | None = None,
     refine: bool = True,
 ) -> Surrogate:
     """Fit all Gaussian processes.
@@ -242,6 +259,9 @@ def fit_surrogate(
         cache: distances of an earlier call.
         limits: of the length scales.
         noise: prior of the noise ratios.
+        known_noise: (n, 1 + m) standard deviations of the noise of objective and safety values; a function
+            with a NaN among its own has an unknown noise. What is predicted of a safety function with known
+            noise is its next measurement, which decides whether a trial was safe; otherwise the function.
         refine: False keeps the hyper-parameters of `start`, if there are any.
 
     Raises:
@@ -254,17 +274,69 @@ def fit_surrogate(
             f"distances between the kernel inputs of {len(inputs)} trials are not finite; expected inputs "
             "(codes or features) that are finite and whose squares are"
         )
-    starts = (None,) * (1 + safety.shape[1]) if start is None else (start.objective, *start.safety)
+    measured = safety.shape[1]
+    starts = (None,) * (1 + measured) if start is None else (start.objective, *start.safety[:measured])
     outcomes = [objective, *safety.T]
+    known = [None] * len(outcomes) if known_noise is None else [_known(column) for column in known_noise.T]
     processes = [
         fit_gaussian_process(
-            inputs, distances, np.ascontiguousarray(y), start=s, limits=limits, noise=noise, refine=refine
+            inputs,
+            distances,
+            np.ascontiguousarray(y),
+            start=s,
+            limits=limits,
+            noise=noise,
+            known_noise=k,
+            refine=refine,
         )
-        for y, s in zip(outcomes, starts, strict=True)
+        for y, s, k in zip(outcomes, starts, known, strict=True)
     ]
     # A threshold goes through the same drawing-in as the values, so that it keeps its place among them.
+    processes = [processes[0], *map(_of_measurements, processes[1:])]
     shown = [
         float(gp.outcomes.restore(gp.outcomes.standardise(np.array(h))))
         for gp, h in zip(processes[1:], thresholds, strict=True)
     ]
     return Surrogate(processes[0], tuple(processes[1:]), np.array(shown))
+
+
+def with_completion(surrogate: Surrogate, inputs: FloatArray, start: SurrogateState | None) -> Surrogate:
+    """The surrogate with one more safety function: whether a trial completes.
+
+    Failures have no safety values, so a process of its own takes 1 for each completed trial and 0 for each
+    failed one, with a threshold between the two. Failures are no noise: where one trial failed, a next one is
+    expected to.
+
+    Args:
+        surrogate: fitted to the completed trials.
+        inputs: (n, p) kernel inputs of the completed trials, then of the failed ones.
+        start: of the last fit.
+
+    Raises:
+        SurrogateError: the process cannot be fitted.
+    """
+    completes = (np.arange(len(inputs)) < len(surrogate.inputs)).astype(float)
+    earlier = () if start is None else start.safety[surrogate.measured :]
+    process = fit_gaussian_process(
+        inputs,
+        exact_distances(inputs, inputs),
+        completes,
+        start=earlier[0] if earlier else None,
+        noise=_FAILURES,
+    )
+    return replace(
+        surrogate,
+        safety=(*surrogate.safety, process),
+        thresholds=np.append(surrogate.thresholds, _COMPLETES),
+        completion=True,
+    )
+
+
+def _of_measurements(gp: GaussianProcess) -> GaussianProcess:
+    """Where the noise is known, the process that predicts the next measurement."""
+    return gp if gp.relative_noise is None else replace(gp, predicted_noise=gp.hyper.noise_ratio)
+
+
+def _known(deviations: FloatArray) -> FloatArray | None:
+    """The standard deviations, when all of them are known."""
+    return None if np.isnan(deviations).any() else deviations

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.hand.observation import CONTROL_INTERVAL
-from hdsafebo.hand.render import Picture, pictures
+from hdsafebo.hand.render import pictures
 from hdsafebo.hand.rollout import Scene
+from hdsafebo.pictures.offscreen import Picture
 
 _GAP = 4
 """Pixels between two pictures."""

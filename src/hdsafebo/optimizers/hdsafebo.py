@@ -1,7 +1,7 @@
 """HdSafeBO: the paper's Algorithm 1 with SafeUpdate (Algorithm 2).
 
 Lines of Algorithm 1 and where they are:
-    1      c_s, c_f <- 0                                     __init__
+    1      c_s, c_f <- 0                                     prepare
     2      x*, y* <- best safe point of D_0                  Optimizer.centre_row
     4      encode the data                                   Optimizer.observe and ask, once per trial
     5      update the Gaussian processes                     Optimizer.surrogate
@@ -68,21 +68,21 @@ class HdSafeBOSettings(SafeSetSettings):
     local: bool = True
 
 
-class HdSafeBO(Optimizer):
+class HdSafeBO(Optimizer[HdSafeBOSettings]):
     """High-dimensional safe Bayesian optimisation (the paper's Algorithms 1 and 2)."""
 
     name = "hdsafebo"
+    holds_contexts = True
     Settings = HdSafeBOSettings
-    settings: HdSafeBOSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """Line 1 of Algorithm 1, and l_0."""
         self.region = TrustRegion(self.settings.length_initial)
 
     def propose(self, n: int) -> Proposal:
         """Lines 5 to 8 of Algorithm 1, for a batch."""
         centre = self.space.to_unit(self.trials.z[[self.centre_row()]])[0]  # x*
-        beta = self.settings.confidence
+        beta = self.confidence
         length = self.region.length
         while True:
             candidates = self.space.pinned(self._candidates(centre, *self._box(centre, length)))  # line 6

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from hdsafebo.optimizers.base import Optimizer
+    from hdsafebo.optimizers.settings import OptimizerSettings
     from hdsafebo.problem import Codec, Problem
 
 
@@ -55,6 +56,7 @@ METHODS: dict[str, Method] = {
     "turbo": Method("baselines.turbo", "Turbo"),
     "hesbo": Method("baselines.hesbo", "Hesbo"),
     "baxus": Method("baselines.baxus", "Baxus"),
+    "ars": Method("baselines.ars", "Ars"),
     # controls without a model
     "sobol": Method("controls.sobol", "Sobol"),
     "local_random": Method("controls.local_random", "LocalRandom"),
@@ -95,7 +97,8 @@ def make_optimizer(
     embedding: Codec | None = None,
     seed: int = 0,
     bounds: ArrayLike | None = None,
-    **settings: Any,
+    settings: OptimizerSettings | None = None,
+    **keywords: Any,
 ) -> Optimizer:
     """Make an optimiser by the name of its method.
 
@@ -105,7 +108,8 @@ def make_optimizer(
         embedding: see `Optimizer`.
         seed: see `Optimizer`.
         bounds: see `Optimizer`.
-        settings: settings beyond, or instead of, those that the name stands for.
+        settings: settings beyond, or instead of, those that the name stands for; None takes the keywords.
+        keywords: the same by name.
 
     Raises:
         UnknownNameError: there is no such method.
@@ -113,7 +117,12 @@ def make_optimizer(
         ParamsError: a setting is unknown, of the wrong type or out of range.
     """
     kind, fixed = method_class(name)
-    return kind(problem, embedding=embedding, seed=seed, bounds=bounds, **(fixed | settings))
+    if settings is not None:
+        from hdsafebo.optimizers.settings import check_settings
+
+        check_settings(kind.Settings, name, settings, keywords)
+        keywords = settings.model_dump(exclude_unset=True)
+    return kind(problem, embedding=embedding, seed=seed, bounds=bounds, **(fixed | keywords))
 
 
 def load_optimizer(

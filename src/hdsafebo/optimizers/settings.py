@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Mapping
+from inspect import Parameter, Signature, signature
 from typing import Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from hdsafebo.errors import ParamsError
-from hdsafebo.gp.safe_set import beta_of
+from hdsafebo.errors import OptimisticWarning, ParamsError
+from hdsafebo.gp.safe_set import alpha_of, beta_of
 
 EmptySafeSet = Literal["mark", "abstain"]
 S = TypeVar("S", bound="OptimizerSettings")
@@ -25,12 +27,12 @@ class CentreSettings(OptimizerSettings):
 
     Attributes:
         empty_safe_set: what a method does without a safe trial, and, where it has a safe set, when too few
-            candidates are believed safe: "mark" proposes the most probably safe ones and marks them in
-            `Trials.marked_unsafe`; "abstain" proposes fewer trials, and raises `NoSafePointError` when none
-            is left.
+            candidates are believed safe: "abstain" proposes fewer trials, and raises `NoSafePointError` when
+            none is left; "mark" proposes the most probably safe ones all the same and marks them in
+            `Trials.marked_unsafe`.
     """
 
-    empty_safe_set: EmptySafeSet = "mark"
+    empty_safe_set: EmptySafeSet = "abstain"
 
 
 class ModelSettings(OptimizerSettings):
@@ -82,12 +84,64 @@ class SafeSetSettings(CentreSettings, ModelSettings):
     """Settings of a method whose trials are believed safe, or marked, or not proposed."""
 
 
-def check_settings(kind: type[S], method: str, values: Mapping[str, Any]) -> S:
-    """Settings of a method; `ParamsError` names what is unknown, of the wrong type or out of range."""
+def constructor_signature(construct: Callable[..., None], kind: type[OptimizerSettings]) -> Signature:
+    """The signature of a method's class, with its settings by name, for `help` and editors.
+
+    Args:
+        construct: the constructor, which takes any settings.
+        kind: the settings of the method.
+    """
+    own = [p for p in signature(construct).parameters.values() if p.kind != Parameter.VAR_KEYWORD]
+    settings = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=field.default, annotation=field.annotation)
+        for name, field in kind.model_fields.items()
+    ]
+    return Signature([*own[1:], *settings])
+
+
+def check_settings(
+    kind: type[S], method: str, given: OptimizerSettings | None, values: Mapping[str, Any]
+) -> S:
+    """Settings of a method, given whole or by name.
+
+    Args:
+        kind: of the method.
+        method: its name, for messages.
+        given: an instance of `kind`; None takes `values`.
+        values: settings by name.
+
+    Raises:
+        ParamsError: names what is unknown, of the wrong type or out of range; or both were given.
+    """
+    if given is not None:
+        if values:
+            raise ParamsError(
+                f"method {method!r}: settings are given whole and by name ({', '.join(values)}); expected one"
+            )
+        if not isinstance(given, kind):
+            raise ParamsError(
+                f"method {method!r}: settings are {type(given).__name__}; expected {kind.__name__}"
+            )
+        return given
     try:
         return kind.model_validate(dict(values))
     except ValidationError as error:
         raise ParamsError("; ".join(_explain(kind, method, item) for item in error.errors())) from None
+
+
+def warn_of_an_optimistic_default(method: str, settings: OptimizerSettings) -> None:
+    """Warn where a default promises less than an even chance of being safe, unless it was chosen."""
+    if not isinstance(settings, SafeSetSettings) or settings.model_fields_set & {"alpha", "beta"}:
+        return
+    promised = alpha_of(settings.confidence)
+    if promised < 0.5:
+        warnings.warn(
+            f"{method} takes beta = {settings.confidence:g}, as published, which promises each trial a safe "
+            f"probability of {promised:.2g} and no more; pass alpha (such as 0.95), or beta to choose it, or "
+            "use hdsafebo_local",
+            OptimisticWarning,
+            stacklevel=3,
+        )
 
 
 def _explain(kind: type[OptimizerSettings], method: str, error: Any) -> str:

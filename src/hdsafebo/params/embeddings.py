@@ -44,14 +44,14 @@ class Isometry(Block):
 
     Attributes:
         points: field maps between which distances are taken; the paper has 10,000.
-        pairs: random pairs of them.
+        pairs: random pairs of these points.
         figure_pairs: pairs that are kept for the scatter figure.
-        gp_points: maps of the Gaussian process comparison; half of them are observed.
-        gp_draws: functions that are drawn for it.
+        gp_points: maps of the Gaussian process comparison; half are observed.
+        gp_draws: functions that are drawn for the comparison.
         jacobian_points: codes at which the pullback metric is taken.
         round_trip_rows: rows of the dataset of which each round-trip share is taken.
         seed: of all that is drawn.
-        floors: least value of measures, by embedding; below it the pipeline stops.
+        floors: least value of measures, by embedding; below a floor the pipeline stops.
     """
 
     points: Annotated[int, Field(ge=100)] = 10_000
@@ -73,7 +73,7 @@ class Digits(Block):
         folder: directory of the IDX files, relative to the project's.
         predictor_epochs: passes over the images when the predictor is trained.
         embedding: name of the embedding.
-        embedding_settings: its settings (`embeddings/`).
+        embedding_settings: settings of the embedding (`embeddings/`).
         seed: of all that is trained.
     """
 

@@ -14,7 +14,7 @@ class HandScene(Block):
 
     Attributes:
         variant: forearm (43 muscles, 23 joints) or extended (55 muscles, 28 joints, as in the paper).
-        roll: rotation of the fixed upper arm, rad; it sets how far the forearm must pronate.
+        roll: rotation of the fixed upper arm, rad, which sets how far the forearm must pronate.
         horizon: control steps of 20 ms per episode.
     """
 
@@ -66,7 +66,7 @@ class HandSynergies(Block):
         box: limit of the size of each weight of a policy over synergies.
         landing_limit: landing speed up to which a policy counts as safe, m/s (paper, appendix).
         random_policies: policies drawn from the box that show how hard the task is.
-        reference_policies: those of them whose observations give the kernel its metric.
+        reference_policies: of these, the policies whose observations give the kernel its metric.
         seed: of the random policies.
     """
 

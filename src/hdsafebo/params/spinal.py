@@ -35,7 +35,7 @@ class Spinal(Block):
         conductivity: conductivities in S/m that replace those of `spinal/geometry/anatomy.py`, by tissue.
         districts: [first, last] segment of motor pools, in place of those of `spinal/geometry/anatomy.py`.
         sample_spacing: of the points in the section at which the activating function is taken, mm.
-        sample_slices: heights at which it is taken, from L1 to S2.
+        sample_slices: heights at which the activating function is taken, from L1 to S2.
         currents: the ten currents of the dataset, mA, increasing.
         safety_threshold: least g of a safe row; the activation threshold is calibrated to it.
     """

@@ -45,7 +45,7 @@ class Task(Block):
     Attributes:
         budget: how much is evaluated.
         methods: which run.
-        settings: of methods on these tasks, beyond what is set for them on all tasks.
+        settings: of methods on these tasks, beyond their settings on all tasks.
     """
 
     budget: Budget
@@ -111,7 +111,7 @@ class ScsProblem(Block):
     """What the optimisers see of the stimulation dataset.
 
     Attributes:
-        embedding: latent space of the methods that search one.
+        embedding: gives the latent space.
         threshold: least safe value of g = 1 - max_i mu_i (paper, appendix).
         side: of the target muscle.
     """

@@ -25,7 +25,7 @@ def profile_text(root: Path, name: str) -> str:
     """The text of `params.yaml` under a profile: the standard one with the profile's changes, checked.
 
     Raises:
-        UnknownNameError: there is no such profile; the message lists the names.
+        UnknownNameError: no profile has that name; the message lists the names.
         ParamsError: a profile cannot be read, or the result is not valid.
     """
     import io
@@ -62,7 +62,7 @@ def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
 
     Raises:
         ParamsError: `params.yaml` differs from every profile, so that changes would be lost.
-        WriteError: it cannot be written; it is still as it was.
+        WriteError: `params.yaml` cannot be written, and is unchanged.
     """
     target = root / "params.yaml"
     text = profile_text(root, name)
@@ -81,7 +81,7 @@ def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
 
 
 def _with_comments(yaml: YAML, path: Path) -> Any:
-    """A profile as ruamel holds it, with comments and formats, once it is known to be plain data."""
+    """A profile with its comments and formats, after a check that the file holds plain data only."""
     read_mapping(path, ParamsError)
     return yaml.load(path.read_bytes())
 

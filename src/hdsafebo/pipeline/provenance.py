@@ -35,7 +35,7 @@ def digest_file(path: Path) -> str:
 def digest_paths(paths: Iterable[Path], root: Path) -> str:
     """SHA-256 of the names (relative to `root`) and contents of files and directory trees.
 
-    A path that does not exist counts as such, so that its appearance changes the digest.
+    A missing path is part of the digest, so that the digest changes when the path appears.
     Compiled Python files are left out.
     """
     contents: dict[str, str | None] = {}
@@ -52,8 +52,8 @@ def digest_paths(paths: Iterable[Path], root: Path) -> str:
 def git_state(root: Path) -> tuple[str, bool] | None:
     """The revision that is checked out at `root` and whether tracked files differ from it.
 
-    `dvc.lock` does not count: the pipeline itself writes it while it runs. None where there is no git, no
-    repository or no commit.
+    `dvc.lock` does not count: the pipeline itself writes this file while stages run. None without git,
+    without a repository, and without a commit.
     """
     try:
         revision = _git(root, "rev-parse", "HEAD")

@@ -54,11 +54,11 @@ class Stage:
         return path
 
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
-        """Mirror numbers to the tracking server, if there is one."""
+        """Mirror numbers to the tracking server, where tracking is on."""
         self.tracker.log_metrics(dict(metrics), step=step)
 
     def log_artifact(self, path: Path) -> None:
-        """Mirror a file or a directory to the tracking server, if there is one."""
+        """Mirror a file or a directory to the tracking server, where tracking is on."""
         self.tracker.log_artifact(path)
 
     def notice(self, message: str) -> None:
@@ -123,7 +123,12 @@ def _run(
     except (OSError, SafetensorError) as error:  # a disk that is full or read-only; writers seldom say where
         place = getattr(error, "filename", None) or (stage.last_path if stage else root)
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        _LOG.error("error in stage %s: %s: %s; start again when it can be written", name, place, reason)
+        _LOG.error(
+            "error in stage %s: %s: %s; start the stage again when this path can be written",
+            name,
+            place,
+            reason,
+        )
         raise SystemExit(EXIT_FAILED) from None
     seconds = time.perf_counter() - start
     _record_cost(root, params.profile, name, arguments, seconds)

@@ -70,10 +70,10 @@ class Store:
         """What `work` returns.
 
         Stages write the local store one after the other: SQLite refuses to be written twice at a time, and
-        MLflow makes the tables of a new one without asking whether another process is about to.
+        MLflow makes the tables of a new store even while another process makes them.
 
         Raises:
-            StoreError: it takes too long, or the path of the local store cannot be an address.
+            StoreError: the store takes too long, or the path of the local store cannot be an address.
             Exception: what `work` raises.
         """
         if not self.local:

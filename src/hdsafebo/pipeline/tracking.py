@@ -140,12 +140,12 @@ class Tracker:
         self._guard(lambda client: client.set_terminated(self._run, status))
 
     def abandon(self) -> None:
-        """Close the run as 'FAILED' if it was begun; parameters that are refused at once are no run."""
+        """Close a run that was begun as 'FAILED'; parameters that are refused at once leave no run."""
         if self._client is not None:
             self.finish("FAILED")
 
     def _guard(self, write: Callable[[MlflowClient], None]) -> None:
-        """Do `write`; whatever goes wrong in it ends the tracking of this stage, and only that."""
+        """Do `write`; an error of any kind ends the tracking of this stage, and leaves the stage alone."""
         if not self.enabled:
             return
         try:
@@ -183,7 +183,7 @@ class Tracker:
         return self._client
 
     def _find_experiment(self, client: MlflowClient) -> str:
-        """Identifier of the experiment, which is made when it is missing."""
+        """Identifier of the experiment; a missing experiment is made."""
         from mlflow.exceptions import MlflowException
 
         name = self._experiment_name
@@ -193,7 +193,7 @@ class Tracker:
         place = (self._home / "mlartifacts" / name).as_uri() if self._store.local else None
         try:
             return str(client.create_experiment(name, artifact_location=place))
-        except MlflowException:  # on a server another stage may just have made it
+        except MlflowException:  # on a server another stage may have made the experiment meanwhile
             if (found := client.get_experiment_by_name(name)) is None:
                 raise
             return str(found.experiment_id)

@@ -1,4 +1,4 @@
-"""The best safe trial of a run file, for what looks at it closer than the numbers do."""
+"""The best safe trial of a run file, to play it again and draw it."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def best_trial(path: Path) -> BestTrial | None:
 
 
 def _searched(path: Path, seed: int, trial: int) -> FloatArray:
-    """(d,) coordinates of one trial; they are the bulk of the file, so that `read_run` leaves them out."""
+    """(d,) coordinates of one trial; `read_run` leaves the column out, because it is the bulk of the file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

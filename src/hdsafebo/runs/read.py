@@ -1,4 +1,4 @@
-"""Reads run files, and refuses those that cannot be true; see `schema` for what they hold."""
+"""Reads run files, and refuses contents that contradict themselves; `schema` says what a run file holds."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class RunFile:
 
     @property
     def chosen(self) -> pd.DataFrame:
-        """Completed trials that the method chose: those that Safety and Violation count."""
+        """Completed trials that the method chose; Safety and Violation count these trials only."""
         return self.trials[~self.trials["initial"] & (self.trials["status"] == "completed")]
 
 
@@ -61,7 +61,7 @@ def read_run(path: Path) -> RunFile:
 
 
 def read_runs(folder: Path) -> dict[tuple[str, str], RunFile]:
-    """Every run file of a folder by (task, method), in the order of their names; none if it is missing."""
+    """Every run file of a folder by (task, method), in the order of names; empty for a missing folder."""
     runs = (read_run(path) for path in sorted(folder.glob("*.parquet")))
     return {(run.meta.task, run.meta.method): run for run in runs}
 

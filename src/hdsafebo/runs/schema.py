@@ -1,7 +1,7 @@
 """What a run file holds: its columns, and what it says about itself.
 
 A run file is `data/runs/<task>-<method>.parquet`, one row per trial of every seed. `write` and `read` know
-its form from here alone.
+the form of a run file from this module alone.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Counts(BaseModel):
     """What went wrong in a run without ending it; sums where runs are pooled.
 
     Attributes:
-        fits: Gaussian processes that rounds were asked with, those of all functions counted.
+        fits: Gaussian processes that rounds were asked with, of all functions together.
         jitters: fits that needed a larger diagonal than the noise.
         fallbacks: fits that failed, so that the last good hyper-parameters were kept.
         marked: trials that were not believed safe, and marked as such.

@@ -19,7 +19,7 @@ CURVE_NAMES = {
     "region_length": "trust_region_length",
     "seconds": "seconds_per_round",
 }
-"""Curves and their names in files and charts, where no docstring explains them."""
+"""Curves and their names in files and charts."""
 _COLUMNS = [
     "seed", "round", "initial", "objective", "safe", "violation", "trust_region_length", "method_seconds",
     "status",
@@ -72,7 +72,7 @@ def per_round(trials: pd.DataFrame) -> Series:
     A seed that ended early (its method abstained) keeps its last values.
 
     Args:
-        trials: the rows of a run file, those of a round together.
+        trials: the rows of a run file.
     """
     completed = trials["status"] == "completed"
     chosen = completed & ~trials["initial"]

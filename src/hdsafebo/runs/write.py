@@ -71,7 +71,7 @@ def join_rows(parts: Sequence[Rows]) -> Rows:
 
 
 def write_run_file(path: Path, runs: Sequence[Rows], metadata: RunMetadata) -> None:
-    """Write a run file; it appears whole or not at all.
+    """Write a run file, whole or not at all.
 
     Args:
         path: the file.

@@ -8,11 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from hdsafebo.errors import ProblemError
-from hdsafebo.problem import Codec, Problem
+from hdsafebo.problem import Codec, LinearCodec, LinearFeatures, Problem
 from hdsafebo.search.space import SearchSpace
 from hdsafebo.typing import FloatArray
 
 _AFFINE_TOLERANCE = 1e-6
+_BLOCK = 256
 _TINY = 1e-12  # least length that a step is divided by
 
 
@@ -33,7 +34,8 @@ class Metric:
         """Some steps change no kernel input, other than those along dimensions that do not vary at all."""
         if self.matrix.ndim == 1:
             return False
-        return int(np.linalg.matrix_rank(self.matrix)) < int(self.matrix.any(axis=0).sum())
+        varying = int(self.matrix.any(axis=0).sum())
+        return len(self.matrix) < varying or int(np.linalg.matrix_rank(self.matrix)) < varying
 
     def inputs(self, u: FloatArray) -> FloatArray:
         """(n, p) kernel inputs of (n, d) points of the unit cube."""
@@ -81,8 +83,13 @@ def kernel_metric(problem: Problem, embedding: Codec | None, space: SearchSpace)
         assert problem.features is not None
         return np.asarray(problem.features(x), float)
 
-    corners = features(np.concatenate([np.zeros((1, d)), np.eye(d)]))
-    metric = Metric((corners[1:] - corners[0]).T, corners[0])
+    origin = features(np.zeros((1, d)))[0]
+    stated = _stated_matrix(problem, embedding)
+    if stated is not None:
+        metric = Metric(stated * space.width, origin)
+    else:
+        blocks = [features(_unit_vectors(i, d)) - origin for i in range(0, d, _BLOCK)]
+        metric = Metric(np.concatenate(blocks).T, origin)
     u = np.random.default_rng(0).random((4, d))
     error = np.abs(metric.inputs(u) - features(u)).max()
     size = np.abs(metric.matrix).max()
@@ -92,3 +99,18 @@ def kernel_metric(problem: Problem, embedding: Codec | None, space: SearchSpace)
             f"codes with coefficients up to {size:.3g}; expected an affine map and a linear embedding"
         )
     return metric
+
+
+def _stated_matrix(problem: Problem, embedding: Codec | None) -> FloatArray | None:
+    """(p, d) matrix of the features of codes, where features and embedding state theirs; else None."""
+    features = problem.features
+    if not isinstance(features, LinearFeatures):
+        return None
+    if embedding is None:
+        return features.matrix
+    return embedding.compose(features.matrix) if isinstance(embedding, LinearCodec) else None
+
+
+def _unit_vectors(first: int, d: int) -> FloatArray:
+    """(k, d) rows of the identity from `first` on, at most a block of them: all would need d^2 numbers."""
+    return np.eye(min(_BLOCK, d - first), d, first)

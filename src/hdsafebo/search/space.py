@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from hdsafebo.errors import ProblemError
@@ -20,12 +22,19 @@ class SearchSpace:
     Args:
         bounds: (2, d) lower and upper limits of the codes; a dimension of zero width stays fixed.
         isotropic: as above.
+        land: (n, d) codes that are evaluated where (n, d) codes are proposed; None evaluates all as they are.
 
     Raises:
         ProblemError: the limits are no box, or all widths are zero.
     """
 
-    def __init__(self, bounds: FloatArray, *, isotropic: bool) -> None:
+    def __init__(
+        self,
+        bounds: FloatArray,
+        *,
+        isotropic: bool,
+        land: Callable[[FloatArray], FloatArray] | None = None,
+    ) -> None:
         limits = np.asarray(bounds, float)
         if limits.ndim != 2 or limits.shape[0] != 2 or limits.shape[1] == 0:
             raise ProblemError(
@@ -49,6 +58,8 @@ class SearchSpace:
         self.width = width
         self.unit = np.where(width > 0, width, width.max())
         self.metric = self.unit / width.max() if isotropic else np.ones(len(width))
+        self._land = land
+        self._held: dict[int, float] = {}
 
     @property
     def dimension(self) -> int:
@@ -63,9 +74,22 @@ class SearchSpace:
         """(n, d) codes of unit-cube coordinates, rounded into the box."""
         return np.asarray(np.clip(self.lower + u * self.width, self.lower, self.lower + self.width))
 
+    def hold(self, dimensions: Sequence[int], codes: FloatArray) -> None:
+        """Keep dimensions at the given codes in all points that are proposed from now on."""
+        values = (codes - self.lower[list(dimensions)]) / self.unit[list(dimensions)]
+        self._held = dict(zip(dimensions, values.tolist(), strict=True))
+
     def pinned(self, u: FloatArray) -> FloatArray:
-        """(n, d) points of the unit cube at 0 in dimensions of zero width, where `to_code` puts them."""
-        return u if (self.width > 0).all() else np.where(self.width > 0, u, 0.0)
+        """(n, d) points of the unit cube where the given ones would be evaluated.
+
+        They are at 0 in dimensions of zero width, at what is held in the dimensions that are, and landed.
+        """
+        if self._held:
+            u = u.copy()
+            u[:, list(self._held)] = list(self._held.values())
+        if not (self.width > 0).all():
+            u = np.where(self.width > 0, u, 0.0)
+        return u if self._land is None else self.to_unit(self._land(self.to_code(u)))
 
     def kernel_inputs(self, u: FloatArray) -> FloatArray:
         """(n, d) what the kernel measures distances between."""

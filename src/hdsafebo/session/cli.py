@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 import getpass
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdsafebo.session.patient.commands import add_patient_commands
 from hdsafebo.session.stream_option import ASK, add_stream_options, asked_values, recorded_stream
+from hdsafebo.session.words import whole_number
 
 if TYPE_CHECKING:
     from hdsafebo.session.log.state import Trial
@@ -48,7 +51,12 @@ def add_parser(subparsers: Any) -> None:
     modify.add_argument("point", help=_POINT_HELP)
     refuse = command("refuse", _refuse, "turn the open suggestion down")
     for step in (approve, modify, refuse):
-        step.add_argument("--suggestion", type=int, help="its number, to be sure which one is meant")
+        step.add_argument(
+            "--suggestion",
+            type=whole_number,
+            required=True,
+            help="number of the suggestion that you have seen",
+        )
     manual = command("manual", _manual, "start a trial of one's own")
     manual.add_argument("point", help=_POINT_HELP)
     manual.add_argument("--reason", default="")
@@ -65,9 +73,10 @@ def add_parser(subparsers: Any) -> None:
     record.add_argument("--remark", default="")
     lost = command("not-delivered", _not_delivered, "close the running trial: nothing was delivered")
     for step in (record, lost):
-        step.add_argument("--trial", type=int, help="its number (default: the running one)")
+        step.add_argument("--trial", type=whole_number, required=True, help="its number")
     stop = command("stop", _stop, "let no trial start until resume")
-    for step in (modify, refuse, lost, stop):
+    stop.add_argument("--reason", default="stop")
+    for step in (modify, refuse, lost):
         step.add_argument("--reason", required=True)
     command("resume", _resume, "go on after a stop")
     switch = command("switch-target", _switch, "optimise another objective; all history is reused")
@@ -75,6 +84,13 @@ def add_parser(subparsers: Any) -> None:
     note = command("note", _note, "keep a remark in the log")
     note.add_argument("text")
 
+    tighten = command("tighten", _tighten, "let the tighter hard limits of a session file hold from now on")
+    tighten.add_argument("definition", type=Path, help="session file (YAML) that differs in nothing else")
+    tighten.add_argument("--reason", default="")
+
+    backup = command("backup", _backup, "copy the session, also while others work in it", writes=False)
+    backup.add_argument("target", type=Path, help="a directory that does not exist")
+    command("repair", _repair, "restore damaged copies of log and files from the other copies", writes=False)
     command("status", _status, "show where the session stands", writes=False)
     export = command("export", _export, "write tables and log", writes=False)
     export.add_argument("folder", type=Path)
@@ -89,8 +105,8 @@ def add_parser(subparsers: Any) -> None:
 
     serve = command("serve", _serve, "open the page for the person at the bench", writes=False)
     serve.add_argument("--host", default="127.0.0.1", help="other than loopback needs the printed token")
-    serve.add_argument("--port", type=int, default=8765)
-    _add_patient(commands)
+    serve.add_argument("--port", type=whole_number, default=8765)
+    add_patient_commands(commands)
 
 
 def _user() -> str:
@@ -101,30 +117,13 @@ def _user() -> str:
         return ""
 
 
-def _add_patient(commands: Any) -> None:
-    """The simulated patient."""
-    patient = commands.add_parser("patient", help="a simulated patient, for trying a session out")
-    steps = patient.add_subparsers(required=True, metavar="STEP")
-    setup = steps.add_parser("setup", help="write session.yaml and initial.csv")
-    setup.add_argument("folder", type=Path)
-    setup.set_defaults(run=_patient_setup)
-    respond = steps.add_parser("respond", help="respond to the running trial: a recording and scores")
-    respond.add_argument("session", type=Path)
-    respond.add_argument("--folder", type=Path, default=Path(), help="where to write the recording")
-    respond.set_defaults(run=_patient_respond)
-    month = steps.add_parser("month", help="carry a session through the paper's protocol (resumable)")
-    month.add_argument("session", type=Path)
-    month.add_argument("--trials", type=int, default=504, help="further trials over all targets")
-    month.set_defaults(run=_patient_month)
-    for step in (setup, respond, month):
-        step.add_argument("--patient", type=int, default=0, help="which patient (a seed)")
-        step.add_argument("--dataset", type=Path, default=Path("data/spinal/stimulation.parquet"))
-
-
-def _open(arguments: argparse.Namespace) -> Session:
+def _open(arguments: argparse.Namespace, *, read_only: bool = False) -> Session:
     from hdsafebo.session.session import Session
 
-    return Session.open(arguments.session)
+    session = Session.open(arguments.session, read_only=read_only)
+    for notice in session.store.notices:
+        print(f"note: {notice}; nothing is lost, the other copy holds it", file=sys.stderr)
+    return session
 
 
 def _new(arguments: argparse.Namespace) -> None:
@@ -167,9 +166,11 @@ def _approve(arguments: argparse.Namespace) -> None:
 
 
 def _modify(arguments: argparse.Namespace) -> None:
+    from hdsafebo.session.rules import open_suggestion
+
     session = _open(arguments)
-    suggestion = session.state.open_suggestion
-    point = session.space.parse(arguments.point, None if suggestion is None else suggestion.point)
+    suggestion = open_suggestion(session.state, arguments.suggestion)
+    point = session.space.parse(arguments.point, suggestion.point)
     _started(session, session.modify(arguments.who, point, arguments.reason, arguments.suggestion))
 
 
@@ -190,20 +191,16 @@ def _started(session: Session, trial: Trial) -> None:
 
 def _record(arguments: argparse.Namespace) -> None:
     from hdsafebo.files.bounded import read_bounded
-    from hdsafebo.session.errors import RecordingError
+    from hdsafebo.session.errors import ProtocolError, RecordingError
     from hdsafebo.session.measuring.recording import MAX_BYTES
     from hdsafebo.session.spaces.space import Report
+    from hdsafebo.session.words import parse_assignments
 
     session = _open(arguments)
-    values: dict[str, float] = {}
-    for word in (word for word in arguments.values if word != ASK):
-        name, equals, number = word.partition("=")
-        try:
-            values[name] = float(number)
-        except ValueError:
-            raise RecordingError(f"{word!r}: expected NAME=VALUE with a number") from None
-        if not equals:
-            raise RecordingError(f"{word!r}: expected NAME=VALUE")
+    try:
+        values = parse_assignments([word for word in arguments.values if word != ASK])
+    except ProtocolError as error:
+        raise RecordingError(str(error)) from None
     path = arguments.recording
     if arguments.stream is not None:
         path = recorded_stream(session, arguments, values)
@@ -230,8 +227,14 @@ def _not_delivered(arguments: argparse.Namespace) -> None:
 
 
 def _stop(arguments: argparse.Namespace) -> None:
-    _open(arguments).stop(arguments.who, arguments.reason)
-    print("the session is stopped: no trial starts until it is resumed")
+    """Stop first; whether there is a session that can be opened is asked later."""
+    from hdsafebo.session.log.stops import press
+    from hdsafebo.session.log.store import utc_now
+
+    press(arguments.session, arguments.who, arguments.reason, utc_now())
+    print("the session is stopped: no trial starts until it is resumed", flush=True)
+    if _open(arguments).store.adopt_stops():
+        print("note: the log is held by another program; the stop is written into it with the next step")
 
 
 def _resume(arguments: argparse.Namespace) -> None:
@@ -243,6 +246,28 @@ def _switch(arguments: argparse.Namespace) -> None:
     session = _open(arguments)
     session.switch_target(arguments.who, arguments.target)
     print(f"the target is {session.state.target}; {len(session.state.trials)} trials are reused")
+
+
+def _tighten(arguments: argparse.Namespace) -> None:
+    session = _open(arguments)
+    for place, before, after in session.tighten(arguments.who, arguments.definition, arguments.reason):
+        print(f"{place}: {before!r} -> {after!r}")
+    print("these limits hold from now on; steps are limited from the start values again")
+
+
+def _backup(arguments: argparse.Namespace) -> None:
+    head = _open(arguments).store.back_up(arguments.target)
+    print(f"{arguments.target}: {head.seq} entries, head {head.hash}")
+
+
+def _repair(arguments: argparse.Namespace) -> None:
+    from hdsafebo.session.log.store import Store
+
+    store = Store(arguments.session)
+    mended = [*store.notices, *store.repair()]
+    for text in dict.fromkeys(mended):
+        print(f"restored: {text}")
+    print("everything is there in two copies")
 
 
 def _note(arguments: argparse.Namespace) -> None:
@@ -292,7 +317,7 @@ def _verify(arguments: argparse.Namespace) -> None:
     verdict = (
         verify_export(path, head=arguments.head)
         if path.is_file()
-        else verify_session(_open(arguments), head=arguments.head)
+        else verify_session(_open(arguments, read_only=True), head=arguments.head)
     )
     print(f"intact: {verdict.entries} entries, {verdict.files} files, head {verdict.head}")
     for seq in verdict.clock_steps:
@@ -317,45 +342,3 @@ def _serve(arguments: argparse.Namespace) -> None:
     from hdsafebo.session.web.server import serve
 
     serve(arguments.session, arguments.host, arguments.port)
-
-
-def _patient_setup(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.patient.month import write_example
-    from hdsafebo.session.patient.responses import load_responses
-
-    for path in write_example(arguments.folder, load_responses(arguments.dataset), arguments.patient):
-        print(path)
-
-
-def _patient_respond(arguments: argparse.Namespace) -> None:
-    from hdsafebo.session.patient.month import answer, simulated_patient
-    from hdsafebo.session.patient.responses import load_responses
-
-    session = _open(arguments)
-    patient = simulated_patient(session, load_responses(arguments.dataset), arguments.patient)
-    number, response = answer(session, patient)
-    if response.recording is None:
-        print("the recording went missing")
-    else:
-        path = arguments.folder / f"trial{number}.csv"
-        path.write_bytes(response.recording)
-        print(path)
-    print(" ".join(f"{rater}={score:g}" for rater, score in response.scores.items()))
-
-
-def _patient_month(arguments: argparse.Namespace) -> None:
-    from hdsafebo.progress import progress
-    from hdsafebo.session.patient.month import run_month, simulated_patient
-    from hdsafebo.session.patient.month_result import evaluate_month
-    from hdsafebo.session.patient.responses import load_responses
-
-    session = _open(arguments)
-    patient = simulated_patient(session, load_responses(arguments.dataset), arguments.patient)
-    with progress(arguments.trials, "trials") as advance:
-        run_month(session, patient, trials=arguments.trials, on_trial=lambda trial: advance())
-    result = evaluate_month(session, patient)
-    print(f"{result.recommended} recommended, {result.unsafe} of them rated unsafe")
-    print(f"{result.breaches} trials outside the hard limits")
-    for muscle, final in result.final_best.items():
-        before, most = result.initial_best[muscle], result.reachable[muscle]
-        print(f"  {muscle}: true selectivity {before:.3f} -> {final:.3f}, {most:.3f} within the priors")

@@ -17,6 +17,8 @@ from hdsafebo.session.measuring.tables import read_table
 from hdsafebo.session.session import Session
 from hdsafebo.session.words import checked_name
 
+_NO_TIME = "1970-01-01T00:00:00+00:00"
+
 
 def create_session(
     directory: Path,
@@ -53,15 +55,16 @@ def create_session(
         "files": {role: {"name": f.name, "sha256": digest(f.content)} for role, f in files.items()},
         "initial": rows,
         "version": __version__,
+        "source": str(definition_path.absolute()),
     }
     _rehearse(payload, files)
     store = Store.create(directory, clock)
-    store.append(None, person, [("created", payload)], files=[f.content for f in files.values()])
+    store.append(None, person, "created", payload, [f.content for f in files.values()])
     return Session(store)
 
 
 def _rehearse(payload: dict[str, Any], files: dict[str, NamedFile]) -> None:
     """Set the optimiser up once in memory, so that no session is made whose method cannot work."""
-    _, entry = seal(1, "", "", "created", payload, START)
+    entry = seal(1, _NO_TIME, "nobody", "created", payload, START)
     definition = parse_definition(entry.payload["definition"])
     Advisor(definition, make_search(definition, files)).follow([entry])

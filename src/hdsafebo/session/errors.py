@@ -25,6 +25,10 @@ class ProtocolError(SessionError):
     """A step that the protocol does not allow now: the session is stopped, a decision was made before, ..."""
 
 
+class StoppedError(ProtocolError):
+    """The session was stopped, so the trial must not be delivered."""
+
+
 class ExpiredError(ProtocolError):
     """The suggestion was computed from a state that is gone."""
 

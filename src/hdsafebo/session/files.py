@@ -51,4 +51,7 @@ def read_files(
 
 def stored_files(store: Store, files: Mapping[str, Mapping[str, str]]) -> dict[str, NamedFile]:
     """The files that a session was made with, from its store; AuditError when one was changed."""
-    return {role: NamedFile(entry["name"], store.file(entry["sha256"])) for role, entry in files.items()}
+    return {
+        role: NamedFile(entry["name"], store.attachments.content(entry["sha256"]))
+        for role, entry in files.items()
+    }

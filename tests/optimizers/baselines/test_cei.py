@@ -15,7 +15,7 @@ def test_value_is_that_of_botorch() -> None:
 
     optimizer = CeiProb(bowl_problem(), seed=0)
     observe_initial(optimizer, 20)
-    processes, best = optimizer._processes(), float(optimizer.best().objective[0])
+    processes, best = optimizer._processes(), float(optimizer.best().objective)
     q = np.random.default_rng(0).random((10, 4))
     theirs = LogConstrainedExpectedImprovement(default_models(processes), best, 0, {1: (0.0, None)})
     value = theirs(torch.from_numpy(q)[:, None]).detach().numpy()
@@ -40,7 +40,7 @@ def test_finds_the_constrained_optimum(kind) -> None:
     optimizer = kind(bowl_problem(), seed=0)
     observe_initial(optimizer, 10)
     run_rounds(optimizer, 3, 4)
-    assert optimizer.best().objective[0] > -1e-2
+    assert optimizer.best().objective > -1e-2
 
 
 @pytest.mark.parametrize("kind", [CeiProb, Cei])

@@ -21,7 +21,7 @@ def test_expands_from_a_seed_and_finds_the_optimum_safely_in_one_dimension() -> 
     x = np.array([[0.0], [0.1], [0.45], [0.5], [1.0]])  # data from both sides, lest the amplitude be guessed
     optimizer.observe(x, *optimizer.problem.function(x), initial=True)
     run_rounds(optimizer, 25, 1)
-    assert abs(optimizer.best().x[0, 0] - 0.7) < 0.01
+    assert abs(optimizer.best().x[0] - 0.7) < 0.01
     assert optimizer.feasible[5:].mean() > 0.95
     certified = [entry["certified"] for entry in optimizer.expansion]
     assert certified[-1] > 1.5 * certified[0]

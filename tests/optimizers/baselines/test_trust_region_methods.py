@@ -92,7 +92,7 @@ def test_scbo_finds_the_feasible_set_and_the_optimum() -> None:
     assert optimizer.best() is None
     run_rounds(optimizer, 20, 4)
     # |x - 0.4| <= sqrt(0.05) and top at 0.6: the best is at distance 0.4 - sqrt(0.05) from it
-    assert optimizer.best().objective[0] > -((0.4 - np.sqrt(0.05)) ** 2) - 0.01
+    assert optimizer.best().objective > -((0.4 - np.sqrt(0.05)) ** 2) - 0.01
 
 
 def test_turbo_finds_the_optimum() -> None:

@@ -27,7 +27,7 @@ def test_the_nearest_to_the_best_feasible_trial_are_kept() -> None:
     best = made.best()
     assert best is not None
     inputs = made.kernel_inputs(made.trials)
-    distance = exact_distances(inputs[best.id], inputs)[0]
+    distance = exact_distances(inputs[[best.id]], inputs)[0]
     assert rows.tolist() == sorted(np.argsort(distance)[:7].tolist())
     np.testing.assert_array_equal(made.surrogate.inputs, inputs[rows])
 
@@ -105,7 +105,7 @@ def test_a_bounded_search_still_finds_the_top() -> None:
     run_rounds(made, 15, n=6)
     best = made.best()
     assert best is not None
-    assert best.objective[0] > -0.005  # the top, 0, is at 0.6 and safe
+    assert best.objective > -0.005  # the top, 0, is at 0.6 and safe
     assert made.feasible[40:].mean() > 0.9
 
 

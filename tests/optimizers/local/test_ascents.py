@@ -20,7 +20,7 @@ def ascending(problem: FunctionProblem, **options) -> HdSafeBOLocal:
 def test_first_round_probes_at_spread_radii() -> None:
     optimizer = ascending(bowl_problem(dimension=20, threshold=-3.0), seed=1)
     observe_initial(optimizer, 40)
-    centre = optimizer.best().z[0]
+    centre = optimizer.best().z
     trials = optimizer.ask(5)
     radii = 2.0 * np.linalg.norm(trials.z - centre, axis=1) / optimizer.surrogate.objective.hyper.reference
     np.testing.assert_allclose(np.sort(radii), np.geomspace(1e-3, 2e-2, 5), rtol=0.2)
@@ -30,7 +30,7 @@ def test_later_rounds_stay_within_the_region() -> None:
     optimizer = ascending(bowl_problem(dimension=10, threshold=-1.0), seed=2)
     observe_initial(optimizer, 40)
     run_rounds(optimizer, 1, 10)
-    centre = optimizer.best().z[0]
+    centre = optimizer.best().z
     trials = optimizer.ask(10)
     reach, length = optimizer.surrogate.length_scale, optimizer.search.region.length
     distance = 2.0 * np.linalg.norm(trials.z - centre, axis=1)
@@ -53,7 +53,7 @@ def test_finds_the_constrained_optimum() -> None:
     optimizer = ascending(bowl_problem(), seed=4)
     observe_initial(optimizer, 15)
     run_rounds(optimizer, 15)
-    assert optimizer.best().objective[0] > -0.005
+    assert optimizer.best().objective > -0.005
 
 
 @pytest.mark.parametrize("n", [1, 2, 7])
@@ -90,7 +90,7 @@ def test_explores_around_the_predicted_next_best_point(monkeypatch: pytest.Monke
     explore = optimizer.search._climb_paths
     monkeypatch.setattr(optimizer.search, "_climb_paths", lambda c, k: centres.append(c) or explore(c, k))
     optimizer.propose(10)
-    start = optimizer.space.to_unit(optimizer.best().z)[0]
+    start = optimizer.space.to_unit(optimizer.best().z[None])[0]
     inputs = optimizer.search.metric.inputs(np.stack([centres[0], start]))
     predicted = optimizer.surrogate.objective.predict_mean(inputs)
     assert predicted[0] > predicted[1]
@@ -104,7 +104,7 @@ def test_centre_is_believed_safe() -> None:
     objective = np.append(np.full(21, 5.0), np.zeros(20))
     safety = np.concatenate([[0.01], np.full(20, -1.0), np.ones(20)])
     optimizer.observe(np.vstack([x, far]), objective, safety, initial=True)
-    assert optimizer.best().id[0] == 0
+    assert optimizer.best().id == 0
     assert optimizer.centre_row() > 20
 
 
@@ -142,7 +142,7 @@ class TestFeatures:
         optimizer = HdSafeBOLocal(self.problem(), seed=1)
         observe_initial(optimizer, 40)
         run_rounds(optimizer, 1, 10)
-        centre = optimizer.kernel_inputs(optimizer.best())
+        centre = optimizer.kernel_inputs(optimizer.trials[[optimizer.best().id]])
         trials = optimizer.ask(10)
         distance = np.linalg.norm(optimizer.kernel_inputs(trials) - centre, axis=1)
         reach = optimizer.search.region.length * optimizer.surrogate.length_scale

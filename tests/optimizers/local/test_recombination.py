@@ -6,9 +6,11 @@ import pytest
 
 from hdsafebo.gp.surrogate import Surrogate, fit_surrogate
 from hdsafebo.optimizers.local.recombination import recombined, safe_steps
-from hdsafebo.search.ascent import Metric
+from hdsafebo.search.metric import Metric
+from hdsafebo.search.row_space import RowSpace
 
 METRIC = Metric(np.eye(3)[:2], np.zeros(2))
+ROWS = RowSpace.of(METRIC)
 CENTRE = np.full(3, 0.5)
 
 
@@ -29,12 +31,13 @@ def test_weights_are_those_of_pycma() -> None:
 
 @pytest.mark.parametrize(("least", "smallest"), [(0.0, 0.01), (0.3, 0.25), (0.9, 0.6)])
 def test_steps_are_of_every_size_from_the_least(least: float, smallest: float) -> None:
+    model = surrogate(-1.0)
     batches = [
-        safe_steps(surrogate(-1.0), METRIC, CENTRE, -2.0, 8, np.random.default_rng(seed), least)
-        for seed in range(40)
+        safe_steps(model, METRIC, ROWS, CENTRE, -2.0, 8, np.random.default_rng(seed), least=least)
+        for seed in range(20)
     ]
     steps = np.array(batches)
-    assert steps.shape == (40, 8, 3)
+    assert steps.shape == (20, 8, 3)
     assert steps.min() >= 0.0
     assert steps.max() <= 1.0
     size = np.abs(steps[:, :, 2] - 0.5).mean(axis=0)  # in the direction that no model chooses in
@@ -43,8 +46,9 @@ def test_steps_are_of_every_size_from_the_least(least: float, smallest: float) -
 
 
 def test_steps_climb_and_reach_what_the_metric_hides() -> None:
+    model = surrogate(-1.0)
     batches = [
-        safe_steps(surrogate(-1.0), METRIC, CENTRE, -2.0, 8, np.random.default_rng(seed)) - CENTRE
+        safe_steps(model, METRIC, ROWS, CENTRE, -2.0, 8, np.random.default_rng(seed)) - CENTRE
         for seed in range(20)
     ]
     steps = np.concatenate(batches)
@@ -57,7 +61,7 @@ def test_steps_climb_and_reach_what_the_metric_hides() -> None:
 def test_steps_are_believed_safe(threshold: float) -> None:
     """Though the centre itself is not, with the second threshold."""
     model = surrogate(threshold)
-    steps = safe_steps(model, METRIC, CENTRE, -2.0, 8, np.random.default_rng(2))
+    steps = safe_steps(model, METRIC, ROWS, CENTRE, -2.0, 8, np.random.default_rng(2))
     assert len(steps) == 8
     assert model.believed_safe(METRIC.inputs(steps), -2.0).all()
     assert (steps[:, 1] >= threshold - 1e-3).all()
@@ -65,5 +69,16 @@ def test_steps_are_believed_safe(threshold: float) -> None:
 
 @pytest.mark.parametrize(("threshold", "n"), [(-1.0, 0), (5.0, 8)])
 def test_none_asked_for_or_none_safe(threshold: float, n: int) -> None:
-    steps = safe_steps(surrogate(threshold), METRIC, CENTRE, -2.0, n, np.random.default_rng(3))
+    steps = safe_steps(surrogate(threshold), METRIC, ROWS, CENTRE, -2.0, n, np.random.default_rng(3))
     assert steps.shape == (0, 3)
+
+
+def test_steps_that_are_made_whole_later_have_the_same_sizes() -> None:
+    model, sizes = surrogate(0.3), []
+    for whole in (True, False):
+        batches = [
+            safe_steps(model, METRIC, ROWS, CENTRE, -2.0, 8, np.random.default_rng(seed), whole=whole)
+            for seed in range(12)
+        ]
+        sizes.append(np.abs(np.concatenate(batches) - CENTRE).mean(axis=0))
+    np.testing.assert_allclose(sizes[0], sizes[1], rtol=0.45)

@@ -107,6 +107,7 @@ def climb_hills(seed: int) -> HdSafeBOLocal:
     problem = hills_problem()
     made = HdSafeBOLocal(problem, seed=seed, embedding=Halving(), bounds=[[0.0, 0.0], [0.5, 0.5]])
     x = 0.25 + 0.15 * np.random.default_rng(seed).standard_normal((8, 2))  # around the low hill
+    x = np.clip(x, 0.0, 1.0)
     made.observe(x, *problem.function(x), initial=True)
     run_rounds(made, 45, 1)
     return made
@@ -188,7 +189,7 @@ def test_an_ask_that_fails_begins_no_climb(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_restarts_are_refused_where_no_search_has_them() -> None:
-    with pytest.raises(ParamsError, match=r"'restarts' is of .*; 'bowl' has a finite candidate set"):
+    with pytest.raises(ParamsError, match=r"'restarts' is of .*; 'bowl' .* a finite candidate set"):
         HdSafeBOLocal(rows_problem(), restarts={"beta": 0.0})
     with pytest.raises(ParamsError, match=r"'restarts' is of .*; 'bowl' is searched without"):
         HdSafeBOLocal(bowl_problem(), restarts={"beta": 0.0})

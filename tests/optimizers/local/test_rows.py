@@ -26,7 +26,7 @@ def test_finds_the_best_safe_row() -> None:
     observe_initial(optimizer, 20)
     run_rounds(optimizer, 12)
     objective, safety = problem.function(problem.candidates.features)
-    assert optimizer.best().objective[0] >= np.sort(objective[safety >= 0])[-3]
+    assert optimizer.best().objective >= np.sort(objective[safety >= 0])[-3]
 
 
 def narrow(monkeypatch: pytest.MonkeyPatch, rows: int, regions: int) -> None:
@@ -41,7 +41,7 @@ def test_neighbourhood_is_the_nearest_rows(monkeypatch: pytest.MonkeyPatch) -> N
     narrow(monkeypatch, 50, 1)
     optimizer = HdSafeBOLocal(rows_problem(500), seed=3)
     observe_initial(optimizer, 20)
-    centre = optimizer.best().x[0]
+    centre = optimizer.best().x
     trials = optimizer.ask(5)
     free = np.setdiff1d(np.arange(500), optimizer.trials.candidate[:20])
     distance = np.linalg.norm(optimizer.problem.candidates.features - centre, axis=1)

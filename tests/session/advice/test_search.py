@@ -33,7 +33,13 @@ def test_a_proposal_that_is_moved_within_reach_is_believed_where_it_will_be(embe
     z = search.embedding.encode(np.array([[0.6, 0.5, 0.1], [1.0, 0.5, 0.1]]))
     space = SearchSpace(np.array([[-2.0] * 3, [2.0] * 3]), isotropic=True)
     made = realise(
-        Proposal(points=space.to_unit(z)), search.problem("speed"), search.embedding, space, np.empty(0, int)
+        Proposal(points=space.to_unit(z)),
+        search.problem("speed"),
+        search.embedding,
+        space,
+        taken=np.empty(0, int),
+        first_id=0,
+        round=1,
     )
     np.testing.assert_allclose(made.x[1, 0], 0.8)  # out of reach: the largest step is 0.3
     np.testing.assert_array_equal(made.z[1], search.embedding.encode(made.x[1:])[0])

@@ -45,7 +45,7 @@ def test_it_climbs_within_the_safe_set(make_session: Callable[..., Session]) -> 
 def test_reopened_it_goes_on_with_the_same_shortlist(make_session: Callable[..., Session]) -> None:
     """Reopened after every step, between two shortlists and across a new one, and replayed."""
     session = make_session("list", method=METHOD)
-    directory = session.store.path.parent
+    directory = session.store.directory
     for _ in range(8):
         trial = session.approve("ann", session.suggest("ann").number)
         session.record("ann", measured(trial))

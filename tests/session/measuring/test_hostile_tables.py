@@ -143,6 +143,6 @@ def test_two_hundred_records_of_one_session(session: Session) -> None:
 
     try_one()
     assert taken
-    reopened = Session.open(session.store.path.parent)
+    reopened = Session.open(session.store.directory)
     assert [e.hash for e in reopened.entries] == [e.hash for e in session.entries]
     assert set(taken) <= {t.number for t in reopened.state.trials}

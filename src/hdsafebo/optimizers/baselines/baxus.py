@@ -37,7 +37,7 @@ class BaxusSettings(BoxRegionSettings):
     budget: int = Field(default=500, ge=1)
 
 
-class Baxus(SubspaceOptimizer):
+class Baxus(SubspaceOptimizer[BaxusSettings]):
     """Bayesian optimisation with adaptively expanding subspaces (Papenmeier et al., NeurIPS 2022).
 
     TuRBO within a count-sketch subspace of few dimensions. When the box falls below L_min every latent
@@ -49,10 +49,10 @@ class Baxus(SubspaceOptimizer):
 
     name = "baxus"
     Settings = BaxusSettings
-    settings: BaxusSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """The first subspace and region."""
+        super().prepare()
         self._region = TrustRegion(self.settings.initial_length)
 
     def first_sketch(self) -> CountSketch:

@@ -40,7 +40,7 @@ _Term = Callable[[FloatArray, FloatArray, float], tuple[FloatArray, FloatArray, 
 P = TypeVar("P")
 
 
-class CeiProb(Optimizer):
+class CeiProb(Optimizer[SafeSetSettings]):
     """Expected improvement times probability of feasibility (Schonlau et al. 1998; Gardner et al. 2014).
 
     In logarithms, log EI + sum_j log Pr(g_j >= h_j), as BoTorch's `LogConstrainedExpectedImprovement`. The
@@ -57,10 +57,9 @@ class CeiProb(Optimizer):
 
     name = "cei_prob"
     Settings = SafeSetSettings
-    settings: SafeSetSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """No fits yet."""
         self._warm = WarmStart()
 
     def propose(self, n: int) -> Proposal:
@@ -90,7 +89,7 @@ class CeiProb(Optimizer):
         """(n, d) points, each given the believed outcomes of those before it."""
         d = self.space.dimension
         feasible = self.best()
-        best = None if feasible is None else float(feasible.objective[0])
+        best = None if feasible is None else float(feasible.objective)
         for point in self._waiting():
             processes, best = _believing(processes, point, best)
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]]), 0.0, 1.0)
@@ -138,7 +137,7 @@ class Cei(CeiProb):
         """The best feasible outcome; without one a value below all that was observed, as in BoTorch."""
         best = self.best()
         if best is not None:
-            return float(best.objective[0])
+            return float(best.objective)
         observed = self.trials.objective[self.trials.completed]
         return float(observed.min() - (observed.max() - observed.min() or 1.0))
 

@@ -49,7 +49,7 @@ class CmaEsSettings(CentreSettings):
         return self
 
 
-class CmaEs(Optimizer):
+class CmaEs(Optimizer[CmaEsSettings]):
     """pycma (Hansen, 2006 and later) with bounds and an adaptive augmented Lagrangian for the constraints.
 
     Every safety function that is modelled or reported is a constraint h - g <= 0; the Lagrangian's
@@ -63,10 +63,9 @@ class CmaEs(Optimizer):
 
     name = "cmaes"
     Settings = CmaEsSettings
-    settings: CmaEsSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """Draw the seed of pycma."""
         self._seed = int(self.rng.integers(_SEEDS))
         self._start: Any
         self._mean: FloatArray | None = None

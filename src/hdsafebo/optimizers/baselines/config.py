@@ -23,7 +23,7 @@ class ConfigSettings(SafeSetSettings):
     candidates: int | None = Field(default=None, ge=1)
 
 
-class Config(Optimizer):
+class Config(Optimizer[ConfigSettings]):
     """Constrained efficient global optimisation (Xu, Jiang, Svetozarevic and Jones, ICML 2023).
 
     Their algorithm 1: maximise an optimistic view of the objective over the points whose upper confidence
@@ -34,7 +34,6 @@ class Config(Optimizer):
 
     name = "config"
     Settings = ConfigSettings
-    settings: ConfigSettings
 
     def propose(self, n: int) -> Proposal:
         """n Thompson samples over the optimistic feasible set of the whole box."""

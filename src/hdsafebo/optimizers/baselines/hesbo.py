@@ -30,7 +30,7 @@ class HesboSettings(OptimizerSettings):
     dimension: int | None = Field(default=None, ge=1)
 
 
-class Hesbo(SubspaceOptimizer):
+class Hesbo(SubspaceOptimizer[HesboSettings]):
     """Hashing-enhanced subspace Bayesian optimisation (Nayebi, Munteanu and Poloczek, ICML 2019).
 
     Every input follows one of d latent coordinates, up to sign, both drawn at random; the map has the
@@ -41,15 +41,14 @@ class Hesbo(SubspaceOptimizer):
 
     name = "hesbo"
     Settings = HesboSettings
-    settings: HesboSettings
 
     def first_sketch(self) -> CountSketch:
         """Bins and signs at random."""
         inputs = self.problem.bounds.shape[1]
         dimension = self.settings.dimension
-        if dimension is None and self._codec is not None:
+        if dimension is None and self.codec is not None:
             middle = self.problem.bounds.mean(axis=0, keepdims=True)
-            dimension = np.asarray(self._codec.encode(middle)).shape[1]
+            dimension = np.asarray(self.codec.encode(middle)).shape[1]
         return CountSketch.random(inputs, min(dimension or _DEFAULT_DIMENSION, inputs), self.rng)
 
     def propose_latent(self, y: FloatArray, objective: FloatArray, n: int) -> tuple[FloatArray, float]:

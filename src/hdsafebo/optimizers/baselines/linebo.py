@@ -24,7 +24,7 @@ class LineBOSettings(SafeSetSettings):
     candidates: int = Field(default=500, ge=1)
 
 
-class LineBO(Optimizer):
+class LineBO(Optimizer[LineBOSettings]):
     """Random-line Bayesian optimisation (Kirschner, Mutny, Hiller, Ischebeck and Krause, ICML 2019).
 
     Their algorithm 1 with the random oracle; each one-dimensional problem is one round. Its safe set is
@@ -39,15 +39,15 @@ class LineBO(Optimizer):
     """
 
     name = "linebo"
+    holds_contexts = True
     Settings = LineBOSettings
-    settings: LineBOSettings
 
     def propose(self, n: int) -> Proposal:
         """n points of one line."""
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
         line = self.space.pinned(self._line(centre, max(self.settings.candidates, n)))
         inputs = self.space.kernel_inputs(line)
-        safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
+        safe = self.surrogate.believed_safe(inputs, self.confidence)
         chosen = np.flatnonzero(safe)
         if len(chosen) > n:
             chosen = chosen[thompson_sample(self.surrogate.objective, inputs[chosen], n, self.rng)]

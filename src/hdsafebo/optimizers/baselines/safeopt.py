@@ -37,7 +37,7 @@ class SafeOptSettings(SafeSetSettings):
     grid: int = Field(default=2000, ge=1)
 
 
-class SafeOpt(Optimizer):
+class SafeOpt(Optimizer[SafeOptSettings]):
     """Safe exploration for optimisation with Gaussian processes (Sui, Gotovos, Burdick, Krause, ICML 2015).
 
     Their algorithm 1 on a fixed finite discretisation, in the form without a Lipschitz constant
@@ -57,10 +57,9 @@ class SafeOpt(Optimizer):
 
     name = "safeopt"
     Settings = SafeOptSettings
-    settings: SafeOptSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """Draw the discretisation."""
         self._seed = int(self.rng.integers(2**32))
         self.expansion: list[dict[str, int]] = []
 

@@ -25,7 +25,7 @@ class ScboSettings(BoxRegionSettings, ModelSettings):
     """Settings of `scbo`: of its region, and of the surrogate that says what is believed of its trials."""
 
 
-class Scbo(Optimizer):
+class Scbo(Optimizer[ScboSettings]):
     """Scalable constrained Bayesian optimisation (Eriksson and Poloczek, AISTATS 2021).
 
     The centre is the best feasible point of the region's history, or the one of least total violation.
@@ -41,10 +41,9 @@ class Scbo(Optimizer):
 
     name = "scbo"
     Settings = ScboSettings
-    settings: ScboSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """The first region, and no fits yet."""
         self._region = TrustRegion(self.settings.initial_length)
         self._since = 0
         self._warm = WarmStart()

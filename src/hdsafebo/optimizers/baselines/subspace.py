@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hdsafebo.gp.ard_process import WarmStart
-from hdsafebo.optimizers.base import Codec, Optimizer, Proposal
+from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.baselines.count_sketch import CountSketch
-from hdsafebo.problem import Problem
+from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.search.candidates import sobol_points
 from hdsafebo.trials import Status
 from hdsafebo.typing import FloatArray
 
+S = TypeVar("S", bound=OptimizerSettings)
 
-class SubspaceOptimizer(Optimizer):
+
+class SubspaceOptimizer(Optimizer[S]):
     """Optimises over latent points y in [-1, 1]^d whose inputs are `sketch.lift(y)`.
 
     An embedding that is handed in is left aside, and the box is the problem's own: these methods bring
@@ -27,19 +28,11 @@ class SubspaceOptimizer(Optimizer):
     finite set can be evaluated. Safety is ignored.
     """
 
-    uses_initial_data: ClassVar[bool] = False
+    uses_initial_data = False
+    searches_codes = False
 
-    def __init__(
-        self,
-        problem: Problem,
-        *,
-        embedding: Codec | None = None,
-        seed: int = 0,
-        bounds: ArrayLike | None = None,
-        **settings: Any,
-    ) -> None:
-        super().__init__(problem, seed=seed, **settings)
-        self._codec = embedding
+    def prepare(self) -> None:
+        """The first subspace; no latent points and no fits yet."""
         self._sketch = self.first_sketch()
         self._latent = np.empty((0, self._sketch.dimension))
         self._warm = WarmStart()
@@ -85,8 +78,3 @@ class SubspaceOptimizer(Optimizer):
         self._sketch = CountSketch(arrays["bins"], arrays["signs"], state["dimension"])
         self._latent = arrays["latent"]
         self._warm = WarmStart.of(arrays)
-
-    @classmethod
-    def load(cls, path: str | Path, problem: Problem, embedding: Codec | None = None) -> Self:
-        """As `Optimizer.load`; an embedding is left aside here, too."""
-        return super().load(path, problem)

@@ -18,7 +18,7 @@ from hdsafebo.search.region import IMPROVEMENT, TrustRegion, safe_update
 from hdsafebo.trials import Trials
 
 
-class Turbo(Optimizer):
+class Turbo(Optimizer[BoxRegionSettings]):
     """Trust-region Bayesian optimisation with one region (Eriksson et al., NeurIPS 2019).
 
     The centre is the best point of the region's history, the box is shaped by the fitted length scales,
@@ -29,10 +29,9 @@ class Turbo(Optimizer):
 
     name = "turbo"
     Settings = BoxRegionSettings
-    settings: BoxRegionSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """The first region, and no fits yet."""
         self._region = TrustRegion(self.settings.initial_length)
         self._since = 0
         self._warm = WarmStart()

@@ -29,7 +29,7 @@ class LocalRandomSettings(CentreSettings):
         return self
 
 
-class LocalRandom(Optimizer):
+class LocalRandom(Optimizer[LocalRandomSettings]):
     """x* + s * normal, x* the best safe point known, s drawn log-uniformly for every trial.
 
     The range of s spares the control a step size tuned to the problem; whatever scale suits it, a
@@ -38,7 +38,6 @@ class LocalRandom(Optimizer):
 
     name = "local_random"
     Settings = LocalRandomSettings
-    settings: LocalRandomSettings
 
     def propose(self, n: int) -> Proposal:
         """n steps, cut at the box."""

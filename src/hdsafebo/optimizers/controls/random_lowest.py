@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from hdsafebo.errors import ProblemError, TrialError
 from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.typing import IntArray
 
 
@@ -19,7 +20,7 @@ class HasWeakest(Protocol):
         """Rows at the lowest level of action, such as the lowest current."""
 
 
-class RandomLowest(Optimizer):
+class RandomLowest(Optimizer[OptimizerSettings]):
     """Rows drawn uniformly among those at the lowest current.
 
     If this control comes near a method, the task is trivial: nearly every row is safe at the lowest
@@ -31,8 +32,8 @@ class RandomLowest(Optimizer):
 
     name = "random_lowest"
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """Find the weakest rows."""
         candidates = self.problem.candidates
         if not isinstance(candidates, HasWeakest):
             raise ProblemError(

@@ -9,13 +9,18 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.typing import FloatArray
 
 _SEEDS = 2**32
+_MOST_DIMENSIONS = qmc.Sobol.MAXDIM
 
 
-class Sobol(Optimizer):
+class Sobol(Optimizer[OptimizerSettings]):
     """Successive points of one scrambled Sobol sequence; on a finite candidate set, rows drawn uniformly.
+
+    Sobol numbers are known for 21,201 dimensions. With more, points are drawn uniformly; in so many
+    dimensions no sequence of a few thousand points fills anything.
 
     Snapping points of the box to their nearest candidates would favour candidates with large surroundings,
     so rows are drawn directly. Every table of results has this method: what does not beat it has learnt
@@ -24,8 +29,8 @@ class Sobol(Optimizer):
 
     name = "sobol"
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """Draw the seed of the sequence."""
         self._sequence = int(self.rng.integers(_SEEDS))
 
     def propose(self, n: int) -> Proposal:
@@ -48,6 +53,8 @@ class Sobol(Optimizer):
 
 
 def sobol_points(n: int, dimension: int, seed: int) -> FloatArray:
-    """The first n points of the scrambled Sobol sequence of a seed, in the unit cube."""
+    """The first n points of the scrambled Sobol sequence of a seed, in the unit cube; see `Sobol`."""
+    if dimension > _MOST_DIMENSIONS:
+        return np.random.default_rng(seed).random((n, dimension))
     whole = qmc.Sobol(dimension, rng=seed).random_base2(int(np.ceil(np.log2(n))))
     return np.asarray(whole[:n])

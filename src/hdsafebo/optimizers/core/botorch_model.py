@@ -85,7 +85,7 @@ def _single(gp: GaussianProcess, space: SearchSpace | None) -> SingleTaskGP:
         model = SingleTaskGP(
             torch.from_numpy(inputs),
             torch.from_numpy(outcomes[:, None]),
-            train_Yvar=torch.full((len(outcomes), 1), variance * gp.hyper.noise_ratio, dtype=torch.float64),
+            train_Yvar=torch.from_numpy(variance * gp.noise_ratios[:, None]),
             mean_module=ConstantMean(),
             covar_module=ScaleKernel(MaternKernel(nu=2.5)),
             outcome_transform=None,

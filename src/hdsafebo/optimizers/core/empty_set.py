@@ -32,7 +32,8 @@ def complete_batch(
         if len(chosen) == 0:
             raise NoSafePointError(
                 f"none of {len(inputs)} candidates is believed safe; report more trials near a safe one, "
-                "choose a larger beta (or a smaller alpha), or set empty_safe_set to 'mark'"
+                "choose a larger beta (or a smaller alpha), or set empty_safe_set to 'mark', which proposes "
+                "the most probably safe ones and marks them"
             )
         return chosen
     others = np.setdiff1d(np.arange(len(inputs)), chosen)

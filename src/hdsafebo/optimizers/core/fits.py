@@ -10,8 +10,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from hdsafebo.gp.surrogate import Beliefs, DistanceCache, SurrogateState
+import numpy as np
+
+from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior
+from hdsafebo.gp.surrogate import (
+    Beliefs,
+    DistanceCache,
+    Surrogate,
+    SurrogateState,
+    fit_surrogate,
+    modelled_safety,
+    modelled_thresholds,
+    with_completion,
+)
 from hdsafebo.gp.warped_surrogate import WarpedState
+from hdsafebo.optimizers.settings import ModelSettings
+from hdsafebo.problem import Problem
+from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import FloatArray, IntArray
 
 State = SurrogateState | WarpedState
 Fit = Callable[[State | None, DistanceCache], Beliefs]
@@ -93,3 +109,67 @@ def _read(data: dict[str, Any] | None) -> State | None:
     if data is None:
         return None
     return (WarpedState if "warped" in data else SurrogateState).from_json(data)
+
+
+def fit_trials(
+    problem: Problem,
+    trials: Trials,
+    rows: IntArray,
+    *,
+    inputs_of: Callable[[IntArray], FloatArray],
+    objective: FloatArray,
+    settings: ModelSettings,
+    noise: NoisePrior,
+    refine: bool,
+    start: SurrogateState | None,
+    cache: DistanceCache,
+) -> Surrogate:
+    """The surrogate of some completed trials, and of whether inputs give a result where failures teach.
+
+    Args:
+        problem: of the trials.
+        trials: all of them.
+        rows: (k,) the completed ones to fit.
+        inputs_of: gives the (k, p) kernel inputs of rows: what the kernel measures distances between.
+        objective: (k,) what the objective's process is fitted to.
+        settings: limits of the length scales.
+        noise: prior of the noise.
+        refine: False keeps the hyper-parameters of `start`.
+        start: of the last fit.
+        cache: distances of earlier fits.
+    """
+    fitted = trials[rows]
+    surrogate = fit_surrogate(
+        inputs_of(rows),
+        objective,
+        modelled_safety(problem.safety, fitted.safety),
+        modelled_thresholds(problem.safety),
+        start=start,
+        cache=cache,
+        limits=LengthScaleLimits(settings.shortest_length_scale, settings.longest_length_scale),
+        noise=noise,
+        refine=refine,
+        known_noise=known_noise(problem, fitted, np.array_equal(objective, fitted.objective)),
+    )
+    failed = np.flatnonzero(trials.status == Status.FAILED)
+    if not problem.failures_teach or len(failed) == 0:
+        return surrogate
+    inputs = np.concatenate([surrogate.inputs, inputs_of(failed)])
+    return with_completion(surrogate, inputs, start)
+
+
+def known_noise(problem: Problem, trials: Trials, in_units: bool) -> FloatArray:
+    """(n, 1 + m') known standard deviations of the objective and the modelled safety functions.
+
+    Args:
+        problem: of the trials.
+        trials: that are fitted.
+        in_units: the objective is modelled in its own units, which are those of its noise.
+    """
+    noise = trials.noise.copy()
+    if problem.noise is not None:
+        noise = np.where(np.isnan(noise), problem.noise, noise)
+    if not in_units:
+        noise[:, 0] = np.nan
+    modelled = [j + 1 for j, s in enumerate(problem.safety) if s.modelled]
+    return noise[:, [0, *modelled]]

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import TrialError
+from hdsafebo.optimizers.core.growing import GrowingRows
 from hdsafebo.optimizers.core.results import Results
 from hdsafebo.problem import Problem
 from hdsafebo.trials import Status, Trials
-from hdsafebo.typing import IntArray
+from hdsafebo.typing import FloatArray, IntArray
 
 
 class Ledger:
@@ -26,6 +27,7 @@ class Ledger:
         self._binding = np.array([s.modelled or s.reported for s in problem.safety])
         self._thresholds = np.array([s.threshold for s in problem.safety])
         self._names = [s.name for s in problem.safety]
+        self._x, self._z = GrowingRows(), GrowingRows()
         empty = np.empty((0, problem.bounds.shape[1]))
         self.trials = Trials.pending(empty, np.empty((0, code_dimension)), len(problem.safety))
 
@@ -35,7 +37,15 @@ class Ledger:
     def append(self, trials: Trials) -> None:
         """Add a copy of trials whose ids continue the table's."""
         table = self.trials if len(self.trials) else trials[:0]  # the first trials settle the length of codes
-        self.trials = table.append(trials)
+        columns = {
+            f.name: np.concatenate([getattr(table, f.name), getattr(trials, f.name)])
+            for f in fields(Trials)
+            if f.name not in ("x", "z")
+        }
+        x = self._x.extended(table.x, trials.x)
+        codes_are_inputs = table.z is table.x and trials.z is trials.x
+        z = x if codes_are_inputs else self._z.extended(table.z, trials.z)
+        self.trials = Trials(**columns, x=x, z=z)
 
     def ids_of(self, trials: Trials | Sequence[int] | IntArray) -> IntArray:
         """Ids of trials, or the given ids.
@@ -65,16 +75,31 @@ class Ledger:
             )
         return ids
 
-    def record(self, ids: IntArray, results: Results) -> IntArray:
+    def record(
+        self, ids: IntArray, results: Results, *, noise: FloatArray | None = None, run: Trials | None = None
+    ) -> IntArray:
         """Fill in results, all or none of them; a result that is already there is not counted again.
+
+        Args:
+            ids: of the trials.
+            results: one per id.
+            noise: (n, 1 + m) known standard deviations; None leaves what is on record.
+            run: the trials with the inputs that were really run; None means as asked.
 
         Returns:
             Numbers of the rounds that have all their results now and had not before, in order.
 
         Raises:
-            TrialError: a result that differs from the one already recorded, which stays.
+            TrialError: a result or an input that differs from the one already recorded, which stays.
         """
+        fresh = self.trials.status[ids] == Status.PENDING
         updated = self._filled(ids, results)
+        if run is not None:
+            updated = self._amended(updated, ids, fresh, run)
+        if noise is not None:
+            table = updated.noise.copy()
+            table[ids[fresh]] = noise[fresh]
+            updated = replace(updated, noise=table)
         waiting = np.unique(self.trials.round[self.trials.status == Status.PENDING])
         still = np.unique(updated.round[updated.status == Status.PENDING])
         self.trials = updated
@@ -120,6 +145,22 @@ class Ledger:
         """Names and thresholds for messages."""
         functions = zip(self._names, self._thresholds, self._binding, strict=True)
         return ", ".join(f"{name} >= {h:g}" for name, h, binding in functions if binding)
+
+    def _amended(self, trials: Trials, ids: IntArray, fresh: NDArray[np.bool_], run: Trials) -> Trials:
+        """Trials with the inputs of `run`, and what was believed of those, where results are fresh."""
+        told = ids[~fresh]
+        if not np.array_equal(run.x[~fresh], trials.x[told]):
+            changed = told[(run.x[~fresh] != trials.x[told]).any(axis=1)]
+            raise TrialError(
+                f"trials {changed.tolist()[:10]} were told before with another x; the first result stays"
+            )
+        columns = ("x", "z", "candidate", "predicted_safe_probability", "violation_bound")
+        amended = {}
+        for name in columns:
+            values = getattr(trials, name).copy()
+            values[ids[fresh]] = getattr(run, name)[fresh]
+            amended[name] = values
+        return replace(trials, **amended)  # type: ignore[arg-type]
 
     def _filled(self, ids: IntArray, results: Results) -> Trials:
         objective, safety, status = (

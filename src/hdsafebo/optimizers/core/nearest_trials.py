@@ -12,18 +12,15 @@ import numpy as np
 
 from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.optimizers.core.ledger import Ledger
-from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray, IntArray
 
 
-def rows_near_best(
-    ledger: Ledger, kernel_inputs: Callable[[Trials], FloatArray], most: int | None
-) -> IntArray:
+def rows_near_best(ledger: Ledger, inputs_of: Callable[[IntArray], FloatArray], most: int | None) -> IntArray:
     """Rows of the completed trials that a surrogate is fitted to, in order of their ids.
 
     Args:
         ledger: all trials.
-        kernel_inputs: (n, p) what the kernel measures distances between.
+        inputs_of: gives the (k, p) kernel inputs of rows: what the kernel measures distances between.
         most: number of trials kept, those nearest to the best feasible trial (without one, to that of the
             least violation), which is always kept; of equally distant trials the older. None keeps all.
     """
@@ -32,7 +29,7 @@ def rows_near_best(
         return rows
     best = ledger.best_row(ledger.feasible)
     centre = ledger.least_violation_row() if best is None else best
-    inputs = kernel_inputs(ledger.trials[rows])
+    inputs = inputs_of(rows)
     distance = exact_distances(inputs[rows == centre], inputs)[0]
     distance[rows == centre] = -1.0  # before its repetitions
     return np.sort(rows[np.argsort(distance, kind="stable")[:most]])

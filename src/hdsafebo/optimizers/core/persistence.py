@@ -31,6 +31,7 @@ class Persistent(Protocol):
     """What of an optimiser makes up its state (`optimizers.base.Optimizer` has all of it)."""
 
     name: ClassVar[str]
+    searches_codes: ClassVar[bool]
     problem: Problem
     embedding: Codec | None
     rng: np.random.Generator
@@ -74,7 +75,9 @@ def save_optimizer(optimizer: Persistent, path: Path) -> None:
         "fits": optimizer._fits.to_json(),
         "method_state": method_state,
     }
-    arrays = {_TRIALS + f.name: getattr(optimizer.trials, f.name) for f in fields(Trials)}
+    trials = optimizer.trials
+    names = [f.name for f in fields(Trials) if not (f.name == "z" and trials.z is trials.x)]
+    arrays = {_TRIALS + name: getattr(trials, name) for name in names}
     arrays |= {_METHOD + name: value for name, value in method_arrays.items()}
     evidence = evidence_of(optimizer.problem, optimizer.trials)
     arrays |= {_PROBLEM + name: value for name, value in evidence.items()}
@@ -90,11 +93,12 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
         if state["method"] != kind.name:
             raise StateFileError(f"{path}: state of method {state['method']!r}; expected {kind.name!r}")
         check_identity(path, state["problem"], problem)
-        if state["embedded"] != (embedding is not None):
+        if state["embedded"] != (embedding is not None and kind.searches_codes):
             raise StateFileError(
                 f"{path}: saved {'with' if state['embedded'] else 'without'} an embedding, expected the same"
             )
         optimizer = kind(problem, embedding=embedding, bounds=arrays.get("bounds"), **state["settings"])
+        arrays.setdefault(_TRIALS + "z", arrays[_TRIALS + "x"])  # without an embedding, codes are inputs
         trials = Trials(**{f.name: arrays[_TRIALS + f.name] for f in fields(Trials)})
         check_bounds(path, _part(arrays, _PROBLEM), problem)
         _check_table(path, trials, state["round"], problem)

@@ -85,13 +85,14 @@ def _located(
         x = candidates.inputs(proposal.rows)
         return x, encode(embedding, x), proposal.rows
     assert proposal.points is not None, "a proposal has points or rows"
-    z = space.to_code(proposal.points)
+    z = space.to_code(space.pinned(proposal.points))
     x = z if embedding is None else np.asarray(embedding.decode(z), float)
     if candidates is not None:
         rows = candidates.nearest(x, taken)
         x = candidates.inputs(rows)
         return x, encode(embedding, x), rows
     x, rows = np.clip(x, problem.bounds[0], problem.bounds[1]), np.full(len(x), -1)
+    x = problem.land(x) if problem.lands else x
     codes = encode(embedding, x)
     if embedding is not None:
         # An autoencoder's encoder does not undo its decoder, and the outcome is a function of the code that
@@ -115,7 +116,7 @@ def encode(embedding: Codec | None, x: FloatArray, known: ArrayLike | None = Non
     Raises:
         TrialError: the embedding gave codes of another shape, or not finite; or the known ones have one.
     """
-    z = x.copy() if embedding is None else np.asarray(embedding.encode(x), float)
+    z = x if embedding is None else np.asarray(embedding.encode(x), float)
     if z.ndim != 2 or len(z) != len(x) or not np.isfinite(z).all():
         raise TrialError(
             f"the embedding gave codes of shape {z.shape} for {len(x)} inputs; expected finite (n, d)"

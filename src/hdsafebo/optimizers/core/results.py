@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,9 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from hdsafebo.errors import TrialError
 from hdsafebo.gp.surrogate import apply_transform
 from hdsafebo.optimizers.core.numbers import as_columns, as_integers, as_numbers, check_same_labels
-from hdsafebo.problem import Problem
-from hdsafebo.trials import Status
+from hdsafebo.optimizers.core.proposal import encode
+from hdsafebo.problem import Codec, Problem
+from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
+
+_SLACK = 1e-6
+"""Inputs that differ by such a share of their size differ by rounding."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,40 @@ def check_points(name: str, points: ArrayLike, columns: int) -> FloatArray:
     return table
 
 
+def check_within(problem: Problem, points: FloatArray) -> None:
+    """Raise `TrialError` that names row, column, value and limits of a point outside the problem's box."""
+    lower, upper = problem.bounds
+    slack = _SLACK * np.maximum(upper - lower, np.maximum(np.abs(lower), np.abs(upper)))
+    for i, j in np.argwhere((points < lower - slack) | (points > upper + slack))[:1]:
+        raise TrialError(
+            f"x is {points[i, j]:.10g} in row {i}, column {j}; expected {lower[j]:.10g} to {upper[j]:.10g}, "
+            f"the bounds of {problem.name!r}"
+        )
+
+
+def check_noise(problem: Problem, noise: ArrayLike | None, n: int) -> FloatArray:
+    """(n, 1 + m) known standard deviations, NaN where unknown; None means that none is known.
+
+    Raises:
+        TrialError: another shape, or a value that is neither positive nor NaN.
+    """
+    columns = 1 + len(problem.safety)
+    if noise is None:
+        return np.full((n, columns), np.nan)
+    table = as_numbers(noise, "noise")
+    if table.shape != (n, columns):
+        raise TrialError(
+            f"noise has shape {table.shape}; expected ({n}, {columns}), of the objective and of each safety "
+            "function"
+        )
+    bad = np.argwhere((table <= 0) | np.isinf(table))
+    for i, j in bad[:1]:
+        raise TrialError(
+            f"noise is {table[i, j]:g} in row {i}, column {j}; expected a positive standard deviation, or NaN"
+        )
+    return table
+
+
 def check_rows(problem: Problem, candidate: ArrayLike | None, points: FloatArray) -> IntArray:
     """(n,) rows of the problem's candidate set, -1 for inputs that are not in it; None means none is.
 
@@ -105,8 +143,9 @@ def check_rows(problem: Problem, candidate: ArrayLike | None, points: FloatArray
     known = np.flatnonzero(rows >= 0)
     if len(known):
         assert problem.candidates is not None, "without a set the only row is -1"
-        expected = problem.candidates.inputs(rows[known])
-        other = known[~same_points(points[known], expected)]
+        chosen = np.setdiff1d(np.arange(points.shape[1]), problem.contexts)
+        expected = problem.candidates.inputs(rows[known])[:, chosen]
+        other = known[~same_points(points[known][:, chosen], expected)]
         if len(other):
             raise TrialError(
                 f"inputs number {other.tolist()[:10]} differ from those of their candidate rows "
@@ -167,3 +206,22 @@ def _check_transforms(problem: Problem, safety: FloatArray) -> None:
                 f"{safety[bad[0], j]} and {threshold} of the threshold {function.threshold}; expected an "
                 "increasing function, finite for every value that is told"
             )
+
+
+def run_instead(problem: Problem, embedding: Codec | None, asked: Trials, x: ArrayLike) -> Trials:
+    """Asked trials with the (n, D) inputs that were really run, their codes, and no row where they differ.
+
+    Raises:
+        TrialError: as `check_points`, or another number of inputs.
+    """
+    points = check_points("x", x, problem.bounds.shape[1])
+    if len(points) != len(asked):
+        raise TrialError(f"x has {len(points)} rows; expected {len(asked)}, one per trial")
+    check_within(problem, points)
+    other = (points != asked.x).any(axis=1)
+    return replace(
+        asked,
+        x=points,
+        z=np.where(other[:, None], encode(embedding, points), asked.z),
+        candidate=np.where(other, -1, asked.candidate),
+    )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hdsafebo.optimizers.core.fits import Fits
 from hdsafebo.optimizers.core.ledger import Ledger
 from hdsafebo.trials import Trials
-from hdsafebo.typing import IntArray
+from hdsafebo.typing import FloatArray, IntArray
 
 MethodState = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
@@ -34,6 +34,9 @@ class Changeable(Protocol):
     _ledger: Ledger
     _fits: Fits
     elsewhere: IntArray
+    _context: FloatArray
+
+    def hold(self, context: FloatArray) -> None: ...
 
     def method_state(self) -> MethodState: ...
 
@@ -49,6 +52,7 @@ class _Snapshot:
     generator: Any
     round: int
     elsewhere: IntArray
+    context: FloatArray
     method: MethodState
 
     @classmethod
@@ -59,6 +63,7 @@ class _Snapshot:
             optimizer.rng.bit_generator.state,
             optimizer.round,
             optimizer.elsewhere,
+            optimizer._context,
             deepcopy(optimizer.method_state()),
         )
 
@@ -68,6 +73,7 @@ class _Snapshot:
         optimizer.rng.bit_generator.state = self.generator
         optimizer.round = self.round
         optimizer.elsewhere = self.elsewhere
+        optimizer.hold(self.context)
         optimizer.restore_method_state(*self.method)
 
 

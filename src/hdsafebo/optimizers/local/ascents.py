@@ -40,7 +40,7 @@ _PROBES = (1e-3, 2e-2)
 """Radii of the first round, in median distances of the initial data."""
 _CLOUD = 64
 """Random points close to the centre that fill up a batch, should ascents end outside the safe set."""
-_FIRST_STEP = 0.02
+FIRST_STEP = 0.02
 """Where an ascent starts, in its radii: at the centre itself a gradient may vanish."""
 
 
@@ -89,7 +89,7 @@ class AscentSearch(RegionSearch):
     @property
     def confidence(self) -> float:
         """The given beta, lowered where it promised too much."""
-        return self.caution.corrected(self.optimizer.settings.confidence, self.rate)
+        return self.caution.corrected(self.optimizer.promised_beta, self.rate)
 
     def centre(self) -> FloatArray:
         """(d,) where the ascents start: the point of the optimiser's centre row."""
@@ -136,7 +136,7 @@ class AscentSearch(RegionSearch):
         points, _ = ascend(
             value,
             lambda inputs: surrogate.slack_with_gradient(inputs, beta),
-            self._around(centre, _FIRST_STEP * radius),
+            self._around(centre, FIRST_STEP * radius),
             centre,
             radius,
             self.metric,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import asdict
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +95,7 @@ class LocalSearch(ABC):
     @property
     def confidence(self) -> float:
         """The beta of the safe set."""
-        return self.optimizer.settings.confidence
+        return self.optimizer.promised_beta
 
     def best_first(self, which: NDArray[np.bool_]) -> IntArray:
         """Rows where `which` is True, the highest objective first."""
@@ -133,12 +133,14 @@ class RegionSearch(LocalSearch):
         """Row of the best feasible trial among those that count and are believed safe; None without one.
 
         Around a trial that was safe by luck or by less than the noise, little is believed safe. After a
-        restart the best feasible trial will do.
+        restart the best feasible trial will do. Under contexts the optimiser's own choice counts.
         """
+        if self.optimizer.problem.contexts:
+            return None
         rows = self.best_first(self.own)[:CENTRES]
         if len(rows) == 0:
             return None
-        inputs = self.kernel_inputs(self.trials[rows])
+        inputs = self.optimizer.inputs_of(rows)
         believed = rows[self.surrogate.believed_safe(inputs, self.confidence)]
         if len(believed) == 0 and self.since == 0:
             return None
@@ -158,11 +160,14 @@ CENTRES = 100
 """So many of the best trials may be the centre."""
 
 
-class SearchingOptimizer(Optimizer):
+S = TypeVar("S", bound=SafeSetSettings)
+
+
+class SearchingOptimizer(Optimizer[S]):
     """An optimiser that leaves choosing, and what the model sees, to a search."""
 
-    settings: SafeSetSettings
     _search: LocalSearch | None = None
+    _features: FloatArray | None = None
 
     @abstractmethod
     def make_search(self) -> LocalSearch:
@@ -197,6 +202,21 @@ class SearchingOptimizer(Optimizer):
         """What the search's kernel measures distances between."""
         return self.search.kernel_inputs(trials)
 
+    def inputs_of(self, rows: IntArray) -> FloatArray:
+        """Kernel inputs; features of an input are computed once and kept.
+
+        They are computed trial by trial: in another batch, a product of matrices may have other bits.
+        """
+        if self.problem.features is None or self.problem.candidates is not None:
+            return super().inputs_of(rows)
+        known = 0 if self._features is None else len(self._features)
+        if known < len(self.trials):
+            fresh = [self.kernel_inputs(self.trials[[i]]) for i in range(known, len(self.trials))]
+            before = [] if self._features is None else [self._features]
+            self._features = np.concatenate([*before, *fresh])
+        assert self._features is not None
+        return self._features[rows]
+
     def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
         """As the search does."""
         return self.search.fit(rows, start, cache)
@@ -220,6 +240,7 @@ class SearchingOptimizer(Optimizer):
 
     def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take back what `method_state` gave."""
+        self._features = None  # the trials may be others
         if state:
             self.search.restore(state, arrays)
         else:

@@ -12,6 +12,7 @@ from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.constrained import ConstrainedSearch
 from hdsafebo.optimizers.local.hidden import HiddenSearch
+from hdsafebo.optimizers.local.pools import PoolSearch
 from hdsafebo.optimizers.local.restarts import Restarts
 from hdsafebo.optimizers.local.rows import RowSearch
 from hdsafebo.optimizers.local.settings import HdSafeBOLocalSettings, RestartSettings
@@ -22,7 +23,7 @@ _MOST_INPUTS = 100
 """Beyond, steps of SLSQP, whose work grows with the cube of their number, take most of a round."""
 
 
-class HdSafeBOLocal(SearchingOptimizer):
+class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
     """Local variant of HdSafeBO.
 
     Raises:
@@ -31,33 +32,44 @@ class HdSafeBOLocal(SearchingOptimizer):
     """
 
     name = "hdsafebo_local"
+    holds_contexts = True
     Settings = HdSafeBOLocalSettings
-    settings: HdSafeBOLocalSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self._restarts: Restarts | None = None
-        finite = self.problem.candidates is not None
-        if self.settings.restarts is not None and (finite or self._searches_inputs()):
+    def prepare(self) -> None:
+        """Refuse settings of a part that the problem does not use."""
+        if self.settings.restarts is not None and (not self._continuous or self._searches_inputs()):
             raise ParamsError(
-                f"method {self.name!r}: setting 'restarts' is of searches through an embedding or features; "
-                f"{self.problem.name!r} {'has a finite candidate set' if finite else 'is searched without'}"
+                f"method {self.name!r}: setting 'restarts' is of continuous spaces that are searched through "
+                f"an embedding or features; {self.problem.name!r} is searched without, or has a finite "
+                "candidate set, points that cannot be run, or contexts"
             )
+        self._restarts: Restarts | None = None
 
     def make_search(self) -> LocalSearch:
         """The one that suits the problem and the searched space."""
         if self.problem.candidates is not None:
             return RowSearch(self)
+        metric = kernel_metric(self.problem, self.embedding, self.space)
+        if not self._continuous:
+            return PoolSearch(self, metric)
         if self._searches_inputs():
             return ConstrainedSearch(self)
-        metric = kernel_metric(self.problem, self.embedding, self.space)
         search = HiddenSearch(self, metric) if metric.hides_directions else AscentSearch(self, metric)
         self._restarts = Restarts(search, self.settings.restarts or RestartSettings())
         return search
 
+    @property
+    def _continuous(self) -> bool:
+        """Whether every point of the searched box can be run, and all of its columns are chosen."""
+        problem = self.problem
+        return problem.candidates is None and not problem.lands and not problem.contexts
+
     def _searches_inputs(self) -> bool:
-        """Whether a length scale per input makes sense: inputs are the problem's own, and not too many."""
-        own = self.embedding is None and self.problem.features is None
+        """Whether a length scale per input makes sense: inputs are the problem's own, and not too many.
+
+        Where failed trials teach, the model of failures is isotropic, and so are the others.
+        """
+        own = self.embedding is None and self.problem.features is None and not self.problem.failures_teach
         return own and not self.settings.isotropic and self.space.dimension <= _MOST_INPUTS
 
     def propose(self, n: int) -> Proposal:

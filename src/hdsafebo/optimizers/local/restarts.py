@@ -64,7 +64,7 @@ class Restarts:
         search, optimizer = self.search, self.search.optimizer
         if len(search.trials) == 0 or not optimizer.feasible.any():
             return None
-        inputs = search.kernel_inputs(search.trials)
+        inputs = search.optimizer.inputs_of(np.arange(len(search.trials)))
         over, tops = self._over(inputs)
         if not over:
             return None

@@ -15,6 +15,7 @@ from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
 from hdsafebo.optimizers.local.base import CENTRES, RegionSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.row_regions import rows_near, separate_centres
+from hdsafebo.problem import ContextualSet
 from hdsafebo.search.region import TrustRegionRule
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
@@ -60,6 +61,8 @@ class RowSearch(RegionSearch):
 
     def kernel_inputs(self, trials: Trials) -> FloatArray:
         """Features of the candidates; inputs outside the set count as their nearest row."""
+        if isinstance(self.candidates, ContextualSet):
+            return self.candidates.features_of(trials.x)
         rows = trials.candidate.copy()
         foreign = rows < 0
         if foreign.any():
@@ -71,7 +74,7 @@ class RowSearch(RegionSearch):
         """(k, p) the best trial, then the next best believed safe ones a length scale apart."""
         optimizer = self.optimizer
         rows = self.best_first(optimizer.feasible)[:CENTRES]
-        inputs = self.kernel_inputs(optimizer.trials[rows])
+        inputs = self.kernel_inputs(optimizer.in_context(optimizer.trials[rows]))
         inputs = inputs[optimizer.surrogate.believed_safe(inputs, self.confidence)]
-        best = self.kernel_inputs(optimizer.trials[[optimizer.centre_row()]])
+        best = self.kernel_inputs(optimizer.in_context(optimizer.trials[[optimizer.centre_row()]]))
         return separate_centres(best, inputs, optimizer.surrogate.objective.length_scale, _REGIONS)

@@ -62,6 +62,7 @@ _METHODS = {
     "random_lowest": MethodStyle("Random, lowest current", "free", ORANGE, "P", "dashed"),
     "turbo": MethodStyle("TuRBO", "embedding", GREEN, "D", "dashdot", needs_threshold=False),
     "hesbo": MethodStyle("HesBO", "embedding", BLUE, "^", "dashed", needs_threshold=False),
+    "ars": MethodStyle("ARS", "free", SKY, "X", "dashed"),
     "baxus": MethodStyle("BAxUS", "embedding", PURPLE, "v", "dotted", needs_threshold=False),
     "hdsafebo_global": MethodStyle("no local search", "ablation", BLUE, "^", "dashed"),
     "hdsafebo_pessimistic": MethodStyle("no optimism", "ablation", GREEN, "D", "dashdot"),

@@ -8,6 +8,7 @@ entry that set the target, and then follows the log entry by entry:
     approved, recorded      `tell`
     modified or manual,
     recorded                `observe` of what was really delivered
+    not delivered           taken back, so that it can be suggested again
     refused, modified       the proposal stays without a result, so it is never made again
 
 Its saved states are cached beside the log. Following the log from the start must give the same suggestions,
@@ -23,19 +24,22 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hdsafebo.errors import NoSafePointError
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.session.advice.informed import informed_optimiser, results_of
 from hdsafebo.session.advice.methods import load_method
 from hdsafebo.session.advice.search import Search
-from hdsafebo.session.definition import Definition
+from hdsafebo.session.definition import Definition, parse_definition
 from hdsafebo.session.log.chain import Entry
 from hdsafebo.session.log.state import Point, State, Trial
 from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import IntArray
 
 _DECISIONS = ("approved", "modified", "refused")
-_EXPIRING = ("suggested", "manual", "target_switched", "stopped")
+_EXPIRING = ("suggested", "manual", "target_switched", "stopped", "tightened")
+_one_thread = threadpool_limits.wrap(limits=1)  # the order of sums, and so the last digit, depends on threads
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,7 @@ class Advisor:
         self.search = search
         self._optimiser: Optimizer | None = None
         self._asked: Advice | None = None
+        self._undelivered = b""  # state before the suggestion that is being delivered
         self.state = State()
         self.mismatches: list[Mismatch] = []
         self._foreign: set[int] = set()
@@ -92,15 +97,17 @@ class Advisor:
         """
         advisor = cls(definition, search)
         for entry in entries:
-            advisor.state.apply(entry)
+            advisor._take(entry)
         for trial in advisor.state.trials:
             if trial.status != "running" and trial.delivered:
                 search.input_of(trial.point)
         payload = entries[-1].payload
         advisor._asked = Advice(payload["point"], payload["belief"], before, after)
+        advisor._undelivered = before
         advisor._optimiser = advisor._load(after)
         return advisor
 
+    @_one_thread
     def follow(self, entries: Iterable[Entry]) -> None:
         """Bring the optimiser forward by the next entries of the log."""
         for entry in entries:
@@ -108,16 +115,17 @@ class Advisor:
                 self.withdraw()
             if entry.kind == "suggested":
                 self._reproduce(entry)
-            self.state.apply(entry)
+            self._take(entry)
             if entry.kind in ("created", "target_switched"):
                 self._begin()
-            elif entry.kind == "resumed" and self._optimiser is not None:
-                self._optimiser.begin_day(self.state.pauses)
+            elif entry.kind == "resumed":
+                self._begin_day()
             elif entry.kind in _DECISIONS:
                 self._asked = None
             elif entry.kind == "recorded":
                 self._learn(self.state.trials[entry.payload["trial"] - 1])
 
+    @_one_thread
     def advise(self) -> Advice:
         """Ask the optimiser for the next trial; `follow` its `suggested` entry next, or `withdraw` it.
 
@@ -140,14 +148,29 @@ class Advisor:
             "marked_unsafe": bool(trials.marked_unsafe[0]),
         }
         self._asked = Advice(point, belief, before, _save(optimiser))
+        self._undelivered = before
         return self._asked
 
     def _ask(self, optimiser: Optimizer) -> Trials:
         """A proposal that is believed safe where it will be evaluated: decoded, clipped and snapped."""
         forbidden = np.concatenate([self.search.restrict(self.state.last_point), self._declined()])
+        self._require_rows_left(optimiser, forbidden)
         nothing = np.empty((len(forbidden), 0))
         elsewhere = Trials.pending(nothing, nothing, 1, candidate=forbidden)
         return optimiser.ask(1, pending=elsewhere)
+
+    def _require_rows_left(self, optimiser: Optimizer, forbidden: IntArray) -> None:
+        """NoSafePointError when a finite set has no row left to suggest."""
+        size = self.search.size
+        if size is None:
+            return
+        left = np.ones(size, bool)
+        for rows in (optimiser.trials.candidate, forbidden):
+            left[rows[(rows >= 0) & (rows < size)]] = False
+        if not left.any():
+            raise NoSafePointError(
+                f"each of the {size} candidates was tried, declined, or is outside the limits now"
+            )
 
     def withdraw(self) -> None:
         """Take the last `advise` back."""
@@ -155,6 +178,7 @@ class Advisor:
             self._optimiser = self._load(self._asked.before)
             self._asked = None
 
+    @_one_thread
     def believe(self, point: Point) -> dict[str, Any] | None:
         """What the model believes of any point; None while there is nothing to believe from."""
         optimiser = self._require()
@@ -163,6 +187,12 @@ class Advisor:
         x, row = self.search.glance(point)
         z = x if optimiser.embedding is None else optimiser.embedding.encode(x)
         return self._belief(Trials.pending(x, z, len(self.search.space.safety), candidate=np.array([row])))
+
+    def _take(self, entry: Entry) -> None:
+        """Bring state and limits forward by an entry."""
+        self.state.apply(entry)
+        if entry.kind == "tightened":
+            self.search.space.tighten(parse_definition(self.state.definition))
 
     def _begin(self) -> None:
         """A new optimiser for the target, told all that is known."""
@@ -177,18 +207,30 @@ class Advisor:
             today=self.state.pauses,
         )
 
+    def _begin_day(self) -> None:
+        """Trials from now on are of the present day."""
+        if self._optimiser is not None:
+            self._optimiser.begin_day(self.state.pauses)
+
     def _learn(self, trial: Trial) -> None:
         optimiser = self._require()
+        if not trial.delivered:
+            if trial.origin == "suggested" and trial.suggestion not in self._foreign:
+                self._optimiser = self._load(self._undelivered)
+                self._begin_day()
+            return
         objective, safety, status = results_of(trial, self.state.target, self.search, self.state.trials)
         if trial.origin == "suggested" and trial.suggestion not in self._foreign:
             asked = int(np.flatnonzero(optimiser.trials.status == Status.PENDING)[-1])
             optimiser.tell([asked], [objective], [safety], status=[status])
-        elif trial.delivered:
+        else:
             x, row = self.search.input_of(trial.point)
             optimiser.observe(x, [objective], [safety], status=[status], candidate=[row])
 
-    def _declined(self) -> np.ndarray:
+    def _declined(self) -> IntArray:
         """Candidate rows that a person turned down, or that an unsafe trial rules out; for any target."""
+        if self.search.size is None:
+            return np.empty(0, np.int64)
         points = [s.point for s in self.state.suggestions if s.decision in ("refused", "modified")]
         rows = [self.search.input_of(p)[1] for p in points]
         refused = np.array([row for row in rows if row >= 0], np.int64)

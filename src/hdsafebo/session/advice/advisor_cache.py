@@ -1,26 +1,39 @@
-"""Optimiser states kept beside the log, so that opening a session does not repeat every fit of its past."""
+"""An advisor from cached states of its optimiser, so that opening a session does not repeat every fit."""
 
 from __future__ import annotations
 
-from hdsafebo.errors import StateFileError
+from collections.abc import Callable
+
+from hdsafebo.errors import HdSafeBOError
 from hdsafebo.session.advice.advisor import Advisor
-from hdsafebo.session.advice.setup import make_search
+from hdsafebo.session.advice.search import Search
 from hdsafebo.session.definition import Definition
-from hdsafebo.session.files import stored_files
+from hdsafebo.session.log.cache import Cache
 from hdsafebo.session.log.chain import Entry
-from hdsafebo.session.log.store import Store
-
-CACHE_BEFORE, CACHE_AFTER = "optimiser before", "optimiser after"
 
 
-def restored_advisor(definition: Definition, store: Store, entries: list[Entry]) -> Advisor | None:
-    """The advisor as it was at the last suggestion; None when the kept states are missing or of no use."""
-    before, after = store.cached(CACHE_BEFORE), store.cached(CACHE_AFTER)
-    if before is None or after is None or before[0] != after[0] or not 0 < after[0] <= len(entries):
+def restored_advisor(
+    definition: Definition, make_search: Callable[[], Search], cache: Cache, entries: list[Entry]
+) -> Advisor | None:
+    """The advisor as it was at the last suggestion whose states are kept.
+
+    Args:
+        definition: of the session.
+        make_search: gives a new search of it.
+        cache: of the session.
+        entries: the log.
+
+    Returns:
+        None when the kept states are missing, damaged, or of an entry that is not in the log.
+    """
+    kept = cache.read()
+    if kept is None:
         return None
-    known = entries[: after[0]]
-    search = make_search(definition, stored_files(store, known[0].payload["files"]))
+    digest, before, after = kept
+    known = next((i for i, e in enumerate(entries, start=1) if e.hash == digest), 0)
+    if known == 0 or entries[known - 1].kind != "suggested":
+        return None
     try:
-        return Advisor.restore(definition, search, known, before[1], after[1])
-    except StateFileError:
+        return Advisor.restore(definition, make_search(), entries[:known], before, after)
+    except HdSafeBOError:
         return None

@@ -16,6 +16,9 @@ from hdsafebo.session.log.state import Trial
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray
 
+MOST_FITTED = 1000  # trials that a model is fitted to: with all of 10,000 a suggestion would take minutes
+_DEFAULTS = {"empty_safe_set": "abstain", "max_fitted_trials": MOST_FITTED}
+
 
 def informed_optimiser(
     definition: Definition,
@@ -77,7 +80,7 @@ def new_optimiser(definition: Definition, search: Search, target: str, seed: int
         embedding=search.embedding,
         bounds=search.code_bounds,
         seed=seed,
-        **({"empty_safe_set": "abstain"} | dict(definition.method.settings)),
+        **(_DEFAULTS | dict(definition.method.settings)),
     )
 
 

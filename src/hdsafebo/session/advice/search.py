@@ -51,11 +51,13 @@ class Search(ABC):
         space: of the session.
         embedding: of the inputs; None searches them directly.
         code_bounds: (2, d) box of codes that is searched; None takes that of the initial trials.
+        size: number of candidates of a finite set; None without one.
     """
 
     space: Space
     embedding: Codec | None
     code_bounds: FloatArray | None = None
+    size: int | None = None
 
     @abstractmethod
     def problem(self, target: str) -> SessionProblem:
@@ -89,6 +91,7 @@ class FiniteSearch(Search):
         self.space = space
         self.candidates = candidates
         self.embedding = embedding
+        self.size = candidates.size
 
     def problem(self, target: str) -> SessionProblem:
         """See `Search`."""

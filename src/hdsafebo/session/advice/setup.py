@@ -10,21 +10,28 @@ from hdsafebo.problem import Codec
 from hdsafebo.session.advice.search import BoxSearch, FiniteSearch, Search
 from hdsafebo.session.candidates.list_set import ListSet, candidate_values
 from hdsafebo.session.candidates.stimulation_set import StimulationSet
-from hdsafebo.session.definition import BoxDefinition, Definition, StimulationDefinition
+from hdsafebo.session.definition import BoxDefinition, Definition, ListDefinition, StimulationDefinition
 from hdsafebo.session.files import CANDIDATES, EMBEDDING, EMBEDDING_CARD, NamedFile
 from hdsafebo.session.measuring.tables import read_table
 from hdsafebo.session.spaces.generic import GenericSpace
 from hdsafebo.session.spaces.space import Space
 from hdsafebo.session.spaces.stimulation import StimulationSpace
+from hdsafebo.typing import FloatArray
 
 
-def make_space(definition: Definition) -> Space:
-    """The space of a definition."""
-    return (
-        StimulationSpace(definition)
-        if isinstance(definition, StimulationDefinition)
-        else GenericSpace(definition)
-    )
+def make_space(definition: Definition, files: Mapping[str, NamedFile] | None = None) -> Space:
+    """The space of a definition.
+
+    Args:
+        definition: as the session was made.
+        files: that the session was made with; without them a list's own rows are not known.
+    """
+    if isinstance(definition, StimulationDefinition):
+        return StimulationSpace(definition)
+    space = GenericSpace(definition)
+    if isinstance(definition, ListDefinition) and files is not None:
+        space.rows = frozenset(map(tuple, _listed(space, files).tolist()))
+    return space
 
 
 def make_search(definition: Definition, files: Mapping[str, NamedFile]) -> Search:
@@ -38,10 +45,13 @@ def make_search(definition: Definition, files: Mapping[str, NamedFile]) -> Searc
     assert isinstance(space, GenericSpace)
     if isinstance(definition, BoxDefinition):
         return BoxSearch(space, embedding)
+    return FiniteSearch(space, ListSet(space, _listed(space, files)), embedding)
+
+
+def _listed(space: GenericSpace, files: Mapping[str, NamedFile]) -> FloatArray:
+    """(N, D) rows of a list's table."""
     table = files[CANDIDATES]
-    return FiniteSearch(
-        space, ListSet(space, candidate_values(read_table(table.content, table.name), space)), embedding
-    )
+    return candidate_values(read_table(table.content, table.name), space)
 
 
 def _embedding(files: Mapping[str, NamedFile]) -> Codec | None:

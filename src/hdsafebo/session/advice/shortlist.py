@@ -226,14 +226,14 @@ class ShortlistSearch(LocalSearch):
         self._rows, self._days = arrays["rows"], arrays["days"]
 
 
-class HdSafeBOShortlist(SearchingOptimizer):
+class HdSafeBOShortlist(SearchingOptimizer[ShortlistSettings]):
     """The optimiser that searches by a shortlist."""
 
     name = "hdsafebo_shortlist"
     Settings = ShortlistSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """Make the search."""
         self._search = self._shortlist = ShortlistSearch(self)  # refuses a problem that is no session's
 
     def make_search(self) -> ShortlistSearch:

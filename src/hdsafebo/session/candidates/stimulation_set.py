@@ -18,7 +18,13 @@ from hdsafebo.session.candidates.finite_set import FiniteSet
 from hdsafebo.session.definition import Priors
 from hdsafebo.session.errors import DefinitionError
 from hdsafebo.session.log.state import Point
-from hdsafebo.session.measuring.stimulator import CONTACTS, Envelope, Polarity
+from hdsafebo.session.measuring.stimulator import (
+    CONTACTS,
+    Envelope,
+    Polarity,
+    StimulationLimits,
+    Stimulator,
+)
 from hdsafebo.session.spaces.stimulation import CURRENT_COLUMN, arrays
 from hdsafebo.spinal.field_map import PIXELS, REFERENCE_CURRENT_MA, field_maps, unit_potentials
 from hdsafebo.spinal.nearest import NearestMap
@@ -43,6 +49,7 @@ class StimulationSet(FiniteSet):
 
     def __init__(self, priors: Priors, envelope: Envelope, *, as_maps: bool) -> None:
         self._envelope = envelope
+        self._fixed: tuple[tuple[Stimulator, StimulationLimits], NDArray[np.bool_]] | None = None
         self._as_maps = as_maps
         self.currents_ma = np.array(priors.currents_ma)
         self.polarity = _usable(enumerate_polarities(priors), envelope, self.currents_ma[0])
@@ -98,9 +105,15 @@ class StimulationSet(FiniteSet):
         ).within()
         return self._within_fixed_limits & np.tile(within_step, len(self.polarity))
 
-    @cached_property
+    @property
     def _within_fixed_limits(self) -> NDArray[np.bool_]:
         """(N,) True for rows within every limit that does not depend on the trial before."""
+        limits = (self._envelope.stimulator, self._envelope.limits)
+        if self._fixed is None or self._fixed[0] != limits:
+            self._fixed = limits, self._find_within_fixed_limits()
+        return self._fixed[1]
+
+    def _find_within_fixed_limits(self) -> NDArray[np.bool_]:
         polarity = np.repeat(self.polarity, len(self.currents_ma), axis=0)
         highest = float(self.currents_ma[-1])
         return self._envelope.permitted(polarity, np.tile(self.currents_ma, len(self.polarity)), highest)

@@ -87,7 +87,11 @@ class State:
 
     Attributes:
         session: identity of the session, drawn when it was made.
-        definition: the session file's content.
+        definition: the session file's content, with the limits that are in force.
+        first_definition: the same as the session was made with.
+        source: path of the session file; empty when the session is older than this entry of the log.
+        rows_only: in a session of a list only its rows may be delivered; sessions of the former format
+            allowed others until they were converted.
         target: objective that is optimised now.
         stopped: why no trial may start now; None when the session runs.
         trials: all trials in order.
@@ -95,11 +99,17 @@ class State:
         last_point: inputs delivered last, from which steps are limited; None at a start or after a pause.
         target_since: number of the entry that set the target.
         head: the last entry.
+        stops: tokens of the stops that were obeyed before they came into the log.
         pauses: how often the session was resumed.
+        initial: number of initial trials.
+        recordings: number of the trial of each recording, by the SHA-256 of its file and of its samples.
     """
 
     session: str = ""
     definition: dict[str, Any] = field(default_factory=dict)
+    first_definition: dict[str, Any] = field(default_factory=dict)
+    source: str = ""
+    rows_only: bool = False
     files: dict[str, dict[str, str]] = field(default_factory=dict)
     target: str = ""
     stopped: str | None = None
@@ -108,7 +118,10 @@ class State:
     last_point: Point | None = None
     target_since: int = 0
     head: Entry | None = None
+    stops: set[str] = field(default_factory=set)
     pauses: int = 0
+    initial: int = 0
+    recordings: dict[str, int] = field(default_factory=dict)
 
     @property
     def open_suggestion(self) -> Suggestion | None:
@@ -122,6 +135,10 @@ class State:
         last = self.trials[-1] if self.trials else None
         return last if last is not None and last.status == "running" else None
 
+    def paused_since(self, trial: Trial) -> bool:
+        """Whether a pause lies between the start of a trial and now."""
+        return self.stopped is not None or self.pauses != trial.day
+
     def apply(self, entry: Entry) -> None:
         """Take in the next entry; AuditError when its payload does not fit what came before."""
         try:
@@ -132,7 +149,10 @@ class State:
 
     def _created(self, entry: Entry, p: dict[str, Any]) -> None:
         self.session, self.definition, self.files = p["session"], p["definition"], p["files"]
+        self.first_definition = p["definition"]
+        self.source, self.rows_only = p.get("source", ""), "source" in p
         self.target, self.target_since = p["definition"]["target"], entry.seq
+        self.initial = len(p["initial"])
         for number, row in enumerate(p["initial"], start=1):
             status: Outcome = "completed" if row["outcomes"] is not None else "failed"
             self.trials.append(
@@ -180,7 +200,11 @@ class State:
             recorded=entry.time,
             **_results(p),
         )
-        if p["delivered"] and self.stopped is None:
+        recording = p["details"].get("recording") or {}
+        for key in ("sha256", "samples_sha256"):
+            if recording.get(key):
+                self.recordings[recording[key]] = trial.number
+        if p["delivered"] and not self.paused_since(trial):
             self.last_point = trial.point
 
     def _target_switched(self, entry: Entry, p: dict[str, Any]) -> None:
@@ -190,10 +214,22 @@ class State:
     def _stopped(self, entry: Entry, p: dict[str, Any]) -> None:
         self._expire()
         self.stopped, self.last_point = p["reason"], None
+        self.stops.add(p.get("pressed", ""))
 
     def _resumed(self, entry: Entry, p: dict[str, Any]) -> None:
         self.stopped = None
         self.pauses += 1
+
+    def _tightened(self, entry: Entry, p: dict[str, Any]) -> None:
+        """Other limits hold: steps are limited from the start values again, as after a pause."""
+        self._expire()
+        self.definition, self.last_point = p["definition"], None
+
+    def _converted(self, entry: Entry, p: dict[str, Any]) -> None:
+        self.rows_only = True
+
+    def _repaired(self, entry: Entry, p: dict[str, Any]) -> None:
+        """A damaged copy was restored from the other one; it changes nothing."""
 
     def _noted(self, entry: Entry, p: dict[str, Any]) -> None:
         """A remark; it changes nothing."""
@@ -233,11 +269,3 @@ class State:
 
 def _results(p: dict[str, Any]) -> dict[str, Any]:
     return {"outcomes": p["outcomes"], "safety": p["safety"], "details": p["details"]}
-
-
-def fold(entries: list[Entry]) -> State:
-    """The state that a whole log adds up to."""
-    state = State()
-    for entry in entries:
-        state.apply(entry)
-    return state

@@ -103,6 +103,10 @@ class Envelope:
     """
 
     def __init__(self, stimulator: Stimulator, limits: StimulationLimits) -> None:
+        self.tighten(stimulator, limits)
+
+    def tighten(self, stimulator: Stimulator, limits: StimulationLimits) -> None:
+        """Let other facts and limits hold from now on."""
         self.stimulator = stimulator
         self.limits = limits
 

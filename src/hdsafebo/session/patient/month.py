@@ -187,7 +187,7 @@ def _keep_days(session: Session, number: int) -> None:
     begun = sum(e.kind == "resumed" for e in session.entries) + 1
     if day_of(number) > begun:
         session.stop(_THERAPIST, f"end of day {begun}")
-    if session.state.stopped is not None:
+    if session.stopped is not None:
         session.resume(_THERAPIST)
 
 

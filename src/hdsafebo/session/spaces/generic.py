@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 
 from hdsafebo.problem import Safety
-from hdsafebo.session.definition import GenericDefinition
-from hdsafebo.session.errors import LimitError, RecordingError
+from hdsafebo.session.definition import Definition, GenericDefinition, StimulationDefinition
+from hdsafebo.session.errors import LimitError, ProtocolError, RecordingError
 from hdsafebo.session.log.state import Point
 from hdsafebo.session.measuring.tables import Table
 from hdsafebo.session.spaces.space import (
@@ -22,26 +22,42 @@ from hdsafebo.session.spaces.space import (
     check_times,
     finite,
 )
+from hdsafebo.session.words import parse_assignments
 from hdsafebo.typing import FloatArray
 
 _ROUNDING = 1e-9  # relative to an input's range
 
 
 class GenericSpace(Space):
-    """See `Space`. A point is `{"values": [one number per input]}`."""
+    """See `Space`. A point is `{"values": [one number per input]}`.
+
+    Args:
+        definition: as the session was made.
+        rows: the only values that may be delivered, in a session of a list; None where every point of the
+            box may be, or where the list is not at hand.
+
+    Attributes:
+        lower, upper: (D,) limits as the session was made, which scale the inputs whatever is in force.
+    """
 
     takes_recordings = False
 
-    def __init__(self, definition: GenericDefinition) -> None:
-        self.definition = definition
+    def __init__(
+        self, definition: GenericDefinition, rows: Collection[tuple[float, ...]] | None = None
+    ) -> None:
+        self.rows = rows
         self.targets = tuple(definition.outcomes)
         self.safety = tuple(Safety(s.name, s.threshold) for s in definition.safety)
         self.inputs = tuple(i.name for i in definition.inputs)
         self.entries = (*self.targets, *(s.name for s in definition.safety))
-        self.lower, self.upper, self.max_step, self.home = (
-            np.array([getattr(i, key) for i in definition.inputs], float)
-            for key in ("lower", "upper", "max_step", "home")
-        )
+        self.lower, self.upper = _column(definition, "lower"), _column(definition, "upper")
+        self.tighten(definition)
+
+    def tighten(self, definition: Definition) -> None:
+        """Let the limits of a definition hold; see `Space.tighten`."""
+        assert not isinstance(definition, StimulationDefinition)
+        self._lowest, self._highest = _column(definition, "lower"), _column(definition, "upper")
+        self._max_step, self._home = _column(definition, "max_step"), _column(definition, "home")
 
     def point(self, data: Mapping[str, Any]) -> Point:
         """One number per input; see `Space.point`."""
@@ -55,9 +71,12 @@ class GenericSpace(Space):
 
     def reach(self, last: Point | None) -> FloatArray:
         """(2, D) box that the next trial may lie in: the hard limits and the largest step from the last."""
-        start = self.home if last is None else np.array(last["values"])
+        start = self._home if last is None else np.array(last["values"])
         return np.vstack(
-            [np.maximum(self.lower, start - self.max_step), np.minimum(self.upper, start + self.max_step)]
+            [
+                np.maximum(self._lowest, start - self._max_step),
+                np.minimum(self._highest, start + self._max_step),
+            ]
         )
 
     def permitted(self, values: FloatArray, last: Point | None) -> Any:
@@ -70,28 +89,28 @@ class GenericSpace(Space):
         """Hard limits exceeded; see `Space.breaches`."""
         low, high = self.reach(last)
         slack = _ROUNDING * (self.upper - self.lower)
-        return [
+        foreign = self.rows is not None and tuple(point["values"]) not in self.rows
+        return [f"it is none of the {len(self.rows or ())} rows of the list"] * foreign + [
             f"{name} is {value:g}, permitted now {a:g} to {b:g}"
             for name, value, a, b, s in zip(self.inputs, point["values"], low, high, slack, strict=True)
             if not a - s <= value <= b + s
         ]
 
     def describe(self, point: Point) -> str:
-        """Such as `speed=1.2 gain=0.4`, the first eight inputs."""
-        shown = [f"{n}={v:.6g}" for n, v in zip(self.inputs, point["values"], strict=True)]
-        return " ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")
+        """Such as `speed=1.2 gain=0.4`, every input; of a list in full, so that the text names the row."""
+        digits = ".6g" if self.rows is None else ""
+        return " ".join(f"{n}={v:{digits}}" for n, v in zip(self.inputs, point["values"], strict=True))
 
     def parse(self, text: str, base: Point | None) -> Point:
         """`NAME=VALUE` for each input; see `Space.parse`."""
-        values = {} if base is None else self.row(base)
-        for word in text.split():
-            name, equals, number = word.partition("=")
-            if not equals or name not in self.inputs:
-                raise LimitError(f"{word!r}: expected NAME=VALUE with a name of {', '.join(self.inputs)}")
-            try:
-                values[name] = float(number)
-            except ValueError:
-                raise LimitError(f"{word!r}: {number!r} is no number") from None
+        try:
+            given = parse_assignments(text.split())
+        except ProtocolError as error:
+            raise LimitError(str(error)) from None
+        unknown = [name for name in given if name not in self.inputs]
+        if unknown:
+            raise LimitError(f"{', '.join(unknown)} unknown; the inputs are {', '.join(self.inputs)}")
+        values = ({} if base is None else self.row(base)) | given
         missing = [name for name in self.inputs if name not in values]
         if missing:
             raise LimitError(f"values of {', '.join(missing)} are missing")
@@ -106,6 +125,10 @@ class GenericSpace(Space):
         if report.recording is not None:
             raise RecordingError(f"{report.recording[1]}: this kind of session takes values, no recordings")
         return self._split(report.values)
+
+    def check_result(self, result: Mapping[str, Any]) -> None:
+        """See `Space.check_result`."""
+        self._split({**(result["outcomes"] or {}), **(result["safety"] or {})})
 
     def initial_trials(self, table: Table) -> list[dict[str, Any]]:
         """One column per input, outcome and safety function, optionally time."""
@@ -150,3 +173,8 @@ class GenericSpace(Space):
             raise RecordingError(str(error)) from None
         outcomes = {name: numbers[name] for name in self.targets} if measured else None
         return Measured(outcomes, {name: numbers[name] for name in safety_names})
+
+
+def _column(definition: GenericDefinition, key: str) -> FloatArray:
+    """(D,) one number of every input."""
+    return np.array([getattr(i, key) for i in definition.inputs], float)

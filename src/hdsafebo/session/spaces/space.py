@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from hdsafebo.problem import Safety
+from hdsafebo.session.definition import Definition
 from hdsafebo.session.errors import LimitError, RecordingError
 from hdsafebo.session.log.state import Point
 from hdsafebo.session.measuring.outcome_scale import OutcomeScale
@@ -116,6 +117,21 @@ class Space(ABC):
             RecordingError: a column or value is wrong; the message names the line.
         """
 
+    @abstractmethod
+    def tighten(self, definition: Definition) -> None:
+        """Let the hard limits of a definition hold instead of those so far."""
+
+    @abstractmethod
+    def check_result(self, result: Mapping[str, Any]) -> None:
+        """Check that outcomes and safety values of the log have their names, and follow from the raw values.
+
+        Args:
+            result: `outcomes`, `safety` and `details` as an entry of the log holds them.
+
+        Raises:
+            RecordingError: one does not.
+        """
+
     def require_permitted(self, point: Point, last: Point | None) -> None:
         """LimitError naming every hard limit that a point exceeds."""
         wrong = self.breaches(point, last)
@@ -135,7 +151,10 @@ def finite(value: Any, name: str) -> float:
     """A finite float from plain data; LimitError names what is none."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise LimitError(f"{name}: {value!r} is no number")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = float("inf")
     if not np.isfinite(number):
         raise LimitError(f"{name}: {number}, expected a finite number")
     return number

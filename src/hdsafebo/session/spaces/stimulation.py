@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hdsafebo.problem import Safety
-from hdsafebo.session.definition import Scores, StimulationDefinition
+from hdsafebo.session.definition import Definition, Scores, StimulationDefinition
 from hdsafebo.session.errors import LimitError, RecordingError
 from hdsafebo.session.log.state import Point
 from hdsafebo.session.measuring.emg import activation, samples_digest, selectivity
@@ -28,6 +28,7 @@ from hdsafebo.session.spaces.space import (
     check_times,
     finite,
 )
+from hdsafebo.session.words import LONGEST_NAME, parse_number, trimmed_text
 from hdsafebo.typing import FloatArray
 
 SAFETY_NAME = "score"
@@ -35,6 +36,8 @@ _LEAST_SELECTIVITY = 0.02  # about that of a muscle at rest: of the noise betwee
 CONTACT_COLUMNS = tuple(f"e{i}" for i in range(1, CONTACTS + 1))
 CURRENT_COLUMN = "current_ma"
 _POINT_HINT = "expected contacts 1 to 16, each once, and a current, such as 4- 12+ 13+ at 2.5 mA"
+_STIMULATION = re.compile(r"(?P<contacts>.*?)((^|\s)at\s+(?P<current>\S+?)\s*(mA)?)?", re.DOTALL)
+_CONTACT = re.compile(r"([0-9]{1,2})([+-])")
 _FILE_HINT = "expected polarities -1, 0 or 1"
 
 
@@ -45,13 +48,18 @@ class StimulationSpace(Space):
     scale = LogScale(_LEAST_SELECTIVITY)
 
     def __init__(self, definition: StimulationDefinition) -> None:
-        self.definition = definition
+        self.emg, self.scores = definition.emg, definition.scores
         self.envelope = Envelope(definition.stimulator, definition.limits)
         self.targets = tuple(definition.emg.muscles)
         self._logit = _Logit(definition.scores)
         self.safety = (Safety(SAFETY_NAME, definition.scores.threshold, transform=self._logit),)
         self.inputs = (*CONTACT_COLUMNS, CURRENT_COLUMN)
         self.entries = tuple(definition.scores.raters)
+
+    def tighten(self, definition: Definition) -> None:
+        """Let the limits and the impedances of a definition hold; see `Space.tighten`."""
+        assert isinstance(definition, StimulationDefinition)
+        self.envelope.tighten(definition.stimulator, definition.limits)
 
     def point(self, data: Mapping[str, Any]) -> Point:
         """Polarities and current; see `Space.point`."""
@@ -88,23 +96,20 @@ class StimulationSpace(Space):
 
     def parse(self, text: str, base: Point | None) -> Point:
         """Contacts with their signs, `at`, a current; either half may be left out. See `Space.parse`."""
-        contacts, _, current = text.partition(" at ") if " at " in f" {text}" else (text, "", "")
-        if text.strip().startswith("at "):
-            contacts, current = "", text.strip().removeprefix("at ")
-        signed = re.findall(r"\S+", contacts)
-        if not (signed or base) or not (current.strip() or base):
+        match = _STIMULATION.fullmatch(text.strip())
+        assert match is not None, "every text has these parts, the second one perhaps empty"
+        words, current = match["contacts"].split(), match["current"]
+        if base is None and not (words and current):
             raise LimitError(f"{text!r}: {_POINT_HINT}")
-        polarity = [0] * CONTACTS if signed or base is None else list(base["polarity"])
-        for word in signed:
-            match = re.fullmatch(r"(\d{1,2})([+-])", word)
-            if match is None or not 1 <= int(match[1]) <= CONTACTS or polarity[int(match[1]) - 1]:
+        polarity = [0] * CONTACTS if words or base is None else list(base["polarity"])
+        for word in words:
+            contact = _CONTACT.fullmatch(word)
+            if contact is None or not 1 <= int(contact[1]) <= CONTACTS or polarity[int(contact[1]) - 1]:
                 raise LimitError(f"{word!r}: {_POINT_HINT}")
-            polarity[int(match[1]) - 1] = 1 if match[2] == "+" else -1
-        number = current.replace("mA", "").strip()
-        try:
-            value = float(number) if number or base is None else base[CURRENT_COLUMN]
-        except ValueError:
-            raise LimitError(f"current {number!r}: {_POINT_HINT}") from None
+            polarity[int(contact[1]) - 1] = 1 if contact[2] == "+" else -1
+        value = parse_number(current) if current or base is None else base[CURRENT_COLUMN]
+        if value is None:
+            raise LimitError(f"current {current!r}: {_POINT_HINT}")
         return self.point({"polarity": polarity, CURRENT_COLUMN: value})
 
     def row(self, point: Point) -> dict[str, float]:
@@ -123,21 +128,38 @@ class StimulationSpace(Space):
         if report.recording is None:
             return Measured(None, safety, details)
         content, name = report.recording
-        emg = self.definition.emg
-        recording = read_recording(content, name, emg)
+        recording = read_recording(content, name, self.emg)
         for key, value in recording.labels.items():
             if key in labels and value != labels[key]:
                 raise RecordingError(f"{name}: says it is of {key} {value!r}, this is {key} {labels[key]!r}")
-        mu = activation(recording, emg)
+        mu = activation(recording, self.emg)
         details |= {
             "mu": mu.tolist(),
             "recording": {
-                "name": name,
+                "name": trimmed_text(name, LONGEST_NAME, "recording"),
                 "sha256": hashlib.sha256(content).hexdigest(),
-                "samples_sha256": samples_digest(recording, emg),
+                "samples_sha256": samples_digest(recording, self.emg),
             },
         }
         return Measured(self._outcomes(mu), safety, details)
+
+    def check_result(self, result: Mapping[str, Any]) -> None:
+        """See `Space.check_result`."""
+        details = result["details"]
+        scores = self._scores(details.get("scores", {}))
+        if result["safety"] != {SAFETY_NAME: min(scores.values())}:
+            raise RecordingError(f"{SAFETY_NAME} is not the lowest of the scores")
+        if (result["outcomes"] is None) != (details.get("mu") is None):
+            raise RecordingError(
+                "outcomes without the amplitudes they follow from, or these without outcomes"
+            )
+        if result["outcomes"] is not None:
+            expected = self._outcomes(np.array(details["mu"], float))
+            if set(expected) != set(result["outcomes"]) or not all(
+                np.isclose(result["outcomes"][name], value, rtol=1e-9, atol=0)
+                for name, value in expected.items()
+            ):
+                raise RecordingError("outcomes do not follow from the amplitudes")
 
     def initial_trials(self, table: Table) -> list[dict[str, Any]]:
         """Columns e1 ... e16, current_ma, mu_MUSCLE (empty: no recording), score_RATER, optionally time."""
@@ -195,11 +217,13 @@ class StimulationSpace(Space):
         }
 
     def _outcomes(self, mu: FloatArray) -> dict[str, float]:
+        if len(mu) != len(self.targets):
+            raise RecordingError(f"{len(mu)} amplitudes, expected one of each of {len(self.targets)} muscles")
         return dict(zip(self.targets, selectivity(mu).tolist(), strict=True))
 
     def _scores(self, values: Mapping[str, float]) -> dict[str, float]:
         check_keys(values, self.entries, "scores of")
-        scale = self.definition.scores
+        scale = self.scores
         scores = {}
         for rater in self.entries:
             try:

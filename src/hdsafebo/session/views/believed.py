@@ -10,11 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.session.advice.days import day_deviation, fit_days
-from hdsafebo.session.advice.informed import kernel_inputs, new_optimiser
+from hdsafebo.session.advice.informed import MOST_FITTED, kernel_inputs, new_optimiser
 from hdsafebo.session.log.state import Trial
 from hdsafebo.session.session import Session
+from hdsafebo.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -31,12 +35,14 @@ class Believed:
     deviation: float
 
 
+@threadpool_limits.wrap(limits=1)
 def believed_best(
     session: Session, targets: Sequence[str] | None = None, *, initial: bool = False
 ) -> dict[str, Believed]:
     """For each target the safe trial of the highest posterior mean.
 
-    Inputs of which any trial was unsafe do not count.
+    Inputs of which any trial was unsafe do not count. Of more than `MOST_FITTED` trials only those nearest to
+    the highest measured one are fitted, for each target its own.
 
     Args:
         session: an open session.
@@ -50,8 +56,8 @@ def believed_best(
     names = space.targets if targets is None else tuple(targets)
     trials = [t for t in session.state.trials if t.origin == "initial" or not initial]
     known = [t for t in trials if t.outcomes is not None and t.safety is not None]
-    unsafe = [t.point for t in trials if t.safety is not None and not space.safe(t.safety)]
-    counts = np.array([t.point not in unsafe for t in known])
+    unsafe = {repr(t.point) for t in trials if t.safety is not None and not space.safe(t.safety)}
+    counts = np.array([repr(t.point) not in unsafe for t in known], bool)
     if not counts.any():
         return {}
     search = session.search()
@@ -59,11 +65,27 @@ def believed_best(
     inputs = kernel_inputs(optimiser, search, known)
     days = np.array([t.day for t in known])
     outcomes = np.array([[(t.outcomes or {})[name] for name in names] for t in known])
-    model = fit_days(inputs, space.scale.modelled(outcomes), days)
-    rows = np.where(counts[:, None], model.value, -np.inf).argmax(axis=0)
+    modelled = space.scale.modelled(outcomes)
+    everything = np.arange(len(known))
+    groups = (
+        [(list(range(len(names))), everything)]
+        if len(known) <= MOST_FITTED
+        else [([j], _near_best(inputs, outcomes[:, j], counts)) for j in range(len(names))]
+    )
     best = {}
-    for j, (name, row) in enumerate(zip(names, rows.tolist(), strict=True)):
-        deviation = day_deviation(inputs, days, row, model.theta[j], float(model.signal[j]))
-        mean, deviation = map(float, space.scale.shown(model.value[row, j], np.array(deviation)))
-        best[name] = Believed(known[row], mean, deviation)
+    for columns, rows in groups:
+        model = fit_days(inputs[rows], modelled[rows][:, columns], days[rows])
+        chosen = np.where(counts[rows, None], model.value, -np.inf).argmax(axis=0)
+        for k, (column, row) in enumerate(zip(columns, chosen.tolist(), strict=True)):
+            theta, signal = model.theta[k], float(model.signal[k])
+            deviation = day_deviation(inputs[rows], days[rows], row, theta, signal)
+            mean, deviation = map(float, space.scale.shown(model.value[row, k], np.array(deviation)))
+            best[names[column]] = Believed(known[rows[row]], mean, deviation)
     return best
+
+
+def _near_best(inputs: FloatArray, outcome: FloatArray, counts: NDArray[np.bool_]) -> IntArray:
+    """Rows of the trials nearest to the one with the highest outcome that counts, as many as are fitted."""
+    centre = int(np.where(counts, outcome, -np.inf).argmax())
+    distance = exact_distances(inputs[[centre]], inputs)[0]
+    return np.sort(np.argsort(distance, kind="stable")[:MOST_FITTED])

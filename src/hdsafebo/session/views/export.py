@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from hdsafebo.session.errors import SessionError
-from hdsafebo.session.log.chain import write_lines
+from hdsafebo.session.log.chain import write_rows
 from hdsafebo.session.log.state import Trial
 from hdsafebo.session.session import Session
 from hdsafebo.session.views.summary import is_unsafe
+from hdsafebo.session.words import shown
 
 Row = dict[str, Any]
+_SUFFIXES = (".csv", ".edf", ".bdf")
+_FORMULA = ("=", "+", "-", "@", "|", "%", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 
 
 def export_session(session: Session, folder: Path, *, recordings: bool = False) -> list[Path]:
@@ -34,7 +37,7 @@ def export_session(session: Session, folder: Path, *, recordings: bool = False) 
         _write_csv(paths[1], columns, trials)
         suggestions = _suggestion_rows(session)
         _write_csv(paths[2], list(suggestions[0]) if suggestions else ["suggestion"], suggestions)
-        paths[3].write_bytes(write_lines(session.store.lines()))
+        paths[3].write_bytes(write_rows(list(session.entries)))
         return paths + (_write_recordings(session, folder / "recordings") if recordings else [])
     except OSError as error:
         raise SessionError(f"{folder}: cannot be written: {error.strerror or error}") from None
@@ -66,7 +69,7 @@ def _trial_row(session: Session, trial: Trial) -> Row:
         "failure": trial.failure,
         "started": trial.started,
         "recorded": trial.recorded,
-        "recording": trial.details.get("recording", {}).get("name"),
+        "recording": (trial.details.get("recording") or {}).get("name"),
     }
 
 
@@ -87,9 +90,21 @@ def _suggestion_rows(session: Session) -> list[Row]:
 
 def _write_csv(path: Path, columns: list[str], rows: list[Row]) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(map(safe_cell, columns))
+        writer.writerows([safe_cell(row.get(c)) for c in columns] for row in rows)
+
+
+def safe_cell(value: object) -> object:
+    """A cell that no spreadsheet takes for a formula, and that is one line of visible characters.
+
+    Numbers stay as they are. Text that would begin a formula gets an apostrophe in front (OWASP, CSV
+    injection).
+    """
+    if not isinstance(value, str):
+        return value
+    text = shown(value)
+    return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
 
 
 def _write_recordings(session: Session, folder: Path) -> list[Path]:
@@ -99,7 +114,8 @@ def _write_recordings(session: Session, folder: Path) -> list[Path]:
     for trial in session.state.trials:
         recording = trial.details.get("recording")
         if recording is not None:
-            path = folder / f"trial{trial.number:04d}{Path(recording['name']).suffix.lower()}"
-            path.write_bytes(session.store.file(recording["sha256"]))
+            suffix = Path(recording["name"]).suffix.lower()
+            path = folder / f"trial{trial.number:04d}{suffix if suffix in _SUFFIXES else ''}"
+            path.write_bytes(session.store.attachments.content(recording["sha256"]))
             paths.append(path)
     return paths

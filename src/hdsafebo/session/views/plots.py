@@ -7,6 +7,7 @@ from html import escape
 
 from hdsafebo.session.session import Session
 from hdsafebo.session.views.summary import CalibrationBin, calibration
+from hdsafebo.session.words import shown
 
 _WIDTH, _HEIGHT = 420, 260
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 14, 40
@@ -110,7 +111,7 @@ def _stroke(start: tuple[float, float], end: tuple[float, float], colour: str) -
 
 
 def _text(x: float, y: float, text: str, anchor: str = "middle") -> str:
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{_INK}">{escape(text)}</text>'
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{_INK}">{escape(shown(text))}</text>'
 
 
 def _frame(name: str, parts: Sequence[str]) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from html import escape
 from pathlib import Path
 
 from hdsafebo.files.atomic import replacing
@@ -12,6 +10,7 @@ from hdsafebo.session.log.state import Trial
 from hdsafebo.session.session import DISCLAIMER, Session
 from hdsafebo.session.views.audit import verify_session
 from hdsafebo.session.views.believed import believed_best
+from hdsafebo.session.views.html import Html, join, raw, table, tag
 from hdsafebo.session.views.plots import calibration_svg, course_svg
 from hdsafebo.session.views.summary import calibration, counts, is_unsafe, promised
 
@@ -37,28 +36,31 @@ def write_report(session: Session, path: Path) -> Path:
     """
     session.refresh()
     verdict = verify_session(session)
-    name = escape(session.definition.name)
-    body = [
-        f"<h1>{name}</h1><p class=notice>{escape(DISCLAIMER)}</p>",
-        f"<p>Session <code>{session.state.session}</code>, {verdict.entries} log entries, checked, intact. "
-        f"Head of the log: <code>{verdict.head}</code>. Keep this hash elsewhere: a log that was cut or "
-        "rebuilt does not hold it.</p>",
+    name = session.definition.name
+    checked = (
+        f", {verdict.entries} log entries, checked, intact, every step by the rules. Head of the log: ",
+        tag("code", verdict.head),
+        ". Keep this hash elsewhere: a log that was cut or rebuilt does not hold it.",
+    )
+    body = tag(
+        "body",
+        tag("h1", name),
+        tag("p", DISCLAIMER, class_="notice"),
+        tag("p", "Session ", tag("code", session.state.session), *checked),
         _overview(session),
         _targets(session),
         _calibration(session),
         _unsafe(session),
         _decisions(session),
         _all_trials(session),
-    ]
-    html = (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{name}</title><style>{_STYLE}</style>'
     )
+    head = raw('<meta charset="utf-8">') + tag("title", name) + raw(f"<style>{_STYLE}</style>")
     with replacing(path, SessionError) as temporary:
-        temporary.write_text(f"{html}<body>{''.join(body)}</body></html>\n", encoding="utf-8")
+        temporary.write_text(f'<!doctype html><html lang="en">{head}{body}</html>\n', encoding="utf-8")
     return path
 
 
-def _overview(session: Session) -> str:
+def _overview(session: Session) -> Html:
     counted = counts(session)
     rows = [(key.replace("_", " "), value) for key, value in counted.items()]
     promise = promised(session)
@@ -67,10 +69,10 @@ def _overview(session: Session) -> str:
         f"Method {method}, beta = {promise['beta']:.3g}: each suggestion is safe with probability "
         f"{promise['alpha']:.4g} at least, if the model is right."
     )
-    return f"<h2>Trials</h2><p>{escape(text)}</p>{_table(('kind', 'number'), rows)}"
+    return join([tag("h2", "Trials"), tag("p", text), table(("kind", "number"), rows)])
 
 
-def _targets(session: Session) -> str:
+def _targets(session: Session) -> Html:
     rows = []
     believed = believed_best(session)
     for target in session.space.targets:
@@ -87,20 +89,22 @@ def _targets(session: Session) -> str:
             )
         )
     treated = {t.target for t in session.state.trials if t.target is not None} | {session.state.target}
-    figures = "".join(
-        f"<figure>{course_svg(session, t)}<figcaption>{escape(t)}</figcaption></figure>"
+    figures = [
+        tag("figure", raw(course_svg(session, t)), tag("figcaption", t))
         for t in session.space.targets
         if t in treated
-    )
+    ]
     head = ("target", "highest safe initial", "highest safe", "inputs", "believed best safe", "inputs")
     text = (
         "Highest: the highest single measurement, which is a lucky one. Believed: by a model that weighs it "
         "against similar inputs, repetitions and the effects of days, with two standard deviations."
     )
-    return f"<h2>Targets</h2><p>{text}</p>{_table(head, rows)}<div class=figures>{figures}</div>"
+    return join(
+        [tag("h2", "Targets"), tag("p", text), table(head, rows), tag("div", *figures, class_="figures")]
+    )
 
 
-def _calibration(session: Session) -> str:
+def _calibration(session: Session) -> Html:
     rows = [
         (
             f"{b.low:g} to {b.high:g}",
@@ -112,29 +116,39 @@ def _calibration(session: Session) -> str:
         for b in calibration(session)
     ]
     head = ("predicted safe probability", "trials", "mean prediction", "share safe", "95% interval")
-    return (
-        "<h2>Calibration</h2><p>Recommended trials only. Bars: predicted; dots: observed, with 95% "
-        "Clopper-Pearson intervals.</p>"
-        f"<figure>{calibration_svg(session)}</figure>{_table(head, rows)}"
-    )
+    text = "Recommended trials only. Bars: predicted; dots: observed, with 95% Clopper-Pearson intervals."
+    figure = tag("figure", raw(calibration_svg(session)))
+    return join([tag("h2", "Calibration"), tag("p", text), figure, table(head, rows)])
 
 
-def _unsafe(session: Session) -> str:
+def _unsafe(session: Session) -> Html:
     rows = [
         _trial_row(session, t)
         for t in session.state.trials
         if is_unsafe(session, t) and t.origin != "initial"
     ]
-    table = _table(_TRIAL_HEAD, rows) if rows else "<p>None.</p>"
-    return f"<h2>Unsafe trials after the initial ones</h2>{table}"
+    listed = table(_TRIAL_HEAD, rows) if rows else tag("p", "None.")
+    return join([tag("h2", "Unsafe trials after the initial ones"), listed])
 
 
-def _decisions(session: Session) -> str:
-    kinds = ("refused", "modified", "stopped", "resumed", "target_switched", "abstained", "noted")
+def _decisions(session: Session) -> Html:
+    kinds = (
+        "refused",
+        "modified",
+        "stopped",
+        "resumed",
+        "target_switched",
+        "tightened",
+        "abstained",
+        "noted",
+        "converted",
+        "repaired",
+    )
     rows = []
     for entry in session.entries:
         if entry.kind in kinds:
             words = [entry.payload.get(key, "") for key in ("reason", "target", "text")]
+            words += entry.payload.get("damage", [])
             rows.append(
                 (
                     entry.seq,
@@ -144,12 +158,12 @@ def _decisions(session: Session) -> str:
                     " ".join(w for w in words if w),
                 )
             )
-    return f"<h2>Decisions and remarks</h2>{_table(('entry', 'time', 'who', 'what', 'why'), rows)}"
+    return join([tag("h2", "Decisions and remarks"), table(("entry", "time", "who", "what", "why"), rows)])
 
 
-def _all_trials(session: Session) -> str:
+def _all_trials(session: Session) -> Html:
     rows = [_trial_row(session, t) for t in session.state.trials]
-    return f"<h2>All trials</h2><div class=wide>{_table(_TRIAL_HEAD, rows)}</div>"
+    return join([tag("h2", "All trials"), tag("div", table(_TRIAL_HEAD, rows), class_="wide")])
 
 
 _TRIAL_HEAD = ("trial", "chosen by", "inputs", "target", "outcome", "predicted", "safety", "P(safe)", "who")
@@ -174,12 +188,3 @@ def _trial_row(session: Session, trial: Trial) -> tuple[object, ...]:
 
 def _value(trial: Trial | None, target: str) -> str:
     return "none" if trial is None or trial.outcomes is None else f"{trial.outcomes[target]:.4f}"
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    cells = "".join(f"<th>{escape(h)}</th>" for h in head)
-    lines = []
-    for row in rows:
-        mark = " class=unsafe" if any("UNSAFE" in str(c) for c in row) else ""
-        lines.append(f"<tr{mark}>" + "".join(f"<td>{escape(str(c))}</td>" for c in row) + "</tr>")
-    return f"<table><thead><tr>{cells}</tr></thead><tbody>{''.join(lines)}</tbody></table>"

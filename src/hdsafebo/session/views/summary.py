@@ -47,7 +47,7 @@ def status(session: Session) -> dict[str, Any]:
         "kind": session.definition.kind,
         "target": state.target,
         "targets": list(space.targets),
-        "stopped": state.stopped,
+        "stopped": session.stopped,
         "head": {"seq": state.head.seq, "hash": state.head.hash, "time": state.head.time}
         if state.head
         else None,
@@ -60,6 +60,7 @@ def status(session: Session) -> dict[str, Any]:
         "last": None if state.last_point is None else space.describe(state.last_point),
         "counts": counts(session),
         "promised": promised(session),
+        "notices": list(session.store.notices),
     }
 
 

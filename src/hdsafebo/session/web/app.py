@@ -1,29 +1,35 @@
 """The page and its interface: one address per step, JSON in and out.
 
 Every step names the head of the log that the person saw. If the log has moved on, the step is refused, so
-a button that fires twice, or two open pages, cannot decide twice. `stop` needs no head: it always works.
+a button that fires twice, or two open pages, cannot decide twice.
+
+STOP has a way of its own: it is obeyed in memory before its request is even read to the end, and written by a
+thread that does nothing else. It needs no head, no name, no lock, and no place in the queue of the others.
 """
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import binascii
-import json
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from anyio import CapacityLimiter
+from anyio.to_thread import run_sync
 from starlette.applications import Starlette
-from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from hdsafebo.errors import HdSafeBOError
-from hdsafebo.session.errors import ProtocolError, RecordingError
-from hdsafebo.session.log.store import MovedOnError
+from hdsafebo.session.errors import ProtocolError, RecordingError, SessionError, StoppedError
+from hdsafebo.session.log.stops import press
+from hdsafebo.session.log.store import MovedOnError, utc_now
 from hdsafebo.session.measuring.recordings import MAX_BYTES
 from hdsafebo.session.session import Session
 from hdsafebo.session.spaces.space import Report
@@ -31,19 +37,37 @@ from hdsafebo.session.views.believed import believed_best
 from hdsafebo.session.views.plots import calibration_svg, course_svg
 from hdsafebo.session.views.summary import status, trial_data
 from hdsafebo.session.web.guard import Guard
+from hdsafebo.session.words import LONGEST, parse_json, trimmed_text
 
 STATIC = Path(__file__).parent / "static"
 _HISTORY = 200
 _MAX_BODY = MAX_BYTES * 4 // 3 + 2**20
+_MAX_STOP_BODY = 2**16
+_STOP_BODY_S = 0.2  # waited for the words of a stop that is obeyed already
+_MODEL_S = 2.0  # waited for the model by somebody who only looks
+_LOOKS_AT_ONCE, _STEPS_AT_ONCE = 4, 8  # more wait without keeping others from their threads
+_BARRED = ("suggest", "approve", "modify", "manual")  # steps that may start a trial
 
 Body = dict[str, Any]
+
+
+@dataclass(eq=False)
+class _Halt:
+    """A STOP that is obeyed.
+
+    Attributes:
+        reason: as far as it is known.
+        token: names it in the log; empty until it is on the disk.
+    """
+
+    reason: str = "STOP"
+    token: str = ""
 
 
 class Page:
     """The page of one session.
 
-    Two views of the session are open, so that looking and stopping never wait for a suggestion that is being
-    computed.
+    Two views of the session are open, so that looking never waits for a suggestion that is being computed.
 
     Args:
         directory: of the session.
@@ -52,6 +76,9 @@ class Page:
     def __init__(self, directory: Path) -> None:
         self._worker, self._viewer = Session.open(directory), Session.open(directory)
         self._working, self._viewing = threading.Lock(), threading.Lock()
+        self._directory = directory
+        self._halted: _Halt | None = None  # STOP was pressed here, and the log does not say so yet
+        self._looks, self._steps = CapacityLimiter(_LOOKS_AT_ONCE), CapacityLimiter(_STEPS_AT_ONCE)
 
     def app(self, token: str | None) -> Guard:
         """The ASGI application; `token` None serves loopback names only."""
@@ -63,7 +90,7 @@ class Page:
             "manual": lambda b: self._worker.manual(b["who"], b["point"], b["reason"]),
             "record": self._record,
             "not-delivered": lambda b: self._worker.not_delivered(b["who"], b["reason"], b["trial"]),
-            "resume": lambda b: self._worker.resume(b["who"]),
+            "resume": self._resume,
             "target": lambda b: self._worker.switch_target(b["who"], b["target"]),
             "note": lambda b: self._worker.note(b["who"], b["text"]),
         }
@@ -76,11 +103,11 @@ class Page:
                 self._read(lambda request: _svg(course_svg(self._viewer, self._viewer.state.target))),
             ),
             Route("/api/calibration.svg", self._read(lambda request: _svg(calibration_svg(self._viewer)))),
-            Route("/api/stop", self._answer(self._stop), methods=["POST"]),
-            Route("/api/look", self._answer(self._look), methods=["POST"]),
-            Route("/api/believed", self._answer(self._believed), methods=["POST"]),
+            Route("/api/stop", self._stop, methods=["POST"]),
+            Route("/api/look", self._answer(self._look, looks=True), methods=["POST"]),
+            Route("/api/believed", self._answer(self._believed, looks=True), methods=["POST"]),
             *(
-                Route(f"/api/{name}", self._answer(self._step(act)), methods=["POST"])
+                Route(f"/api/{name}", self._answer(self._step(name, act)), methods=["POST"])
                 for name, act in steps.items()
             ),
         ]
@@ -96,6 +123,7 @@ class Page:
         trials = session.state.trials[-_HISTORY:]
         space = session.space
         return status(session) | {
+            "stopped": session.stopped if self._halted is None else self._halted.reason,
             "inputs": list(space.inputs),
             "entries": list(space.entries),
             "takes_recordings": space.takes_recordings,
@@ -103,18 +131,40 @@ class Page:
             "history": [trial_data(session, t) for t in reversed(trials)],
         }
 
-    def _step(self, act: Callable[[Body], Any]) -> Callable[[Body], Any]:
-        """A step that needs the log to be where the person saw it."""
+    def _step(self, name: str, act: Callable[[Body], Any]) -> Callable[[Body], Any]:
+        """A step that needs the log to be where the person saw it, and no STOP when it may start a trial."""
 
         def run(body: Body) -> None:
             with self._working:
-                self._worker.refresh()
+                self._refresh(self._worker)
                 head = self._worker.state.head
                 if head is None or body.get("head") != head.hash:
                     raise MovedOnError("the session has moved on: look again, then decide")
+                self._require_not_halted(name, "")
                 act(body)
+                self._require_not_halted(name, ": do not deliver this trial, close it as not delivered")
 
         return run
+
+    def _refresh(self, session: Session) -> None:
+        """Take in what happened; from a stop that is in the log on, the log says whether it still holds."""
+        session.refresh()
+        halt = self._halted
+        if halt is not None and halt.token in session.state.stops:
+            self._halted = None
+
+    def _require_not_halted(self, name: str, what_to_do: str) -> None:
+        if self._halted is not None and name in _BARRED:
+            raise StoppedError(f"STOP was pressed ({self._halted.reason}){what_to_do}")
+
+    def _resume(self, body: Body) -> None:
+        """Go on; a stop that could not be kept on the disk is written into the log first."""
+        halt = self._halted
+        if halt is not None and not halt.token:
+            self._worker.stop(body["who"], halt.reason)
+        self._worker.resume(body["who"])
+        if self._halted is halt:  # nobody pressed again meanwhile
+            self._halted = None
 
     def _record(self, body: Body) -> None:
         recording = None
@@ -127,22 +177,49 @@ class Page:
         report = Report(recording, body["values"])
         self._worker.record(body["who"], report, body["trial"], remark=body.get("remark", ""))
 
-    def _stop(self, body: Body) -> None:
-        with self._viewing:
-            self._viewer.stop(body["who"] or "unnamed", body.get("reason") or "stop button")
+    async def _stop(self, request: Request) -> Response:
+        """Obey first, then read who and why, then write it down."""
+        halt = self._halted = _Halt()
+        words = await _words_of_stop(request)
+        halt.reason = trimmed_text(words.get("reason"), LONGEST, "stop button")
+        done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        threading.Thread(target=self._keep, args=(halt, words.get("who"), done), daemon=True).start()
+        problem = await done
+        return JSONResponse({"error": f"stopped, but {problem}"} if problem else {}, 507 if problem else 200)
+
+    def _keep(self, halt: _Halt, who: object, done: asyncio.Future[str]) -> None:
+        """Keep a stop on the disk; the log takes it in as soon as it can."""
+        problem = ""
+        try:
+            halt.token = press(self._directory, who, halt.reason, utc_now()).token
+        except SessionError as error:
+            problem = str(error)
+        done.get_loop().call_soon_threadsafe(done.set_result, problem)
 
     def _look(self, body: Body) -> Body:
-        """Limits and belief of inputs that a person is editing."""
-        with self._working:
-            session = self._worker
-            session.refresh()
+        """Limits and belief of inputs that a person is editing.
+
+        The limits never wait for the model. A belief is always that of the point in the answer.
+        """
+        with self._viewing:
+            session = self._viewer
+            self._refresh(session)
             point = session.space.point(body["point"])
             breaches = session.space.breaches(point, session.state.last_point)
-            return {
+            seen = {
+                "point": point,
                 "text": session.space.describe(point),
                 "breaches": breaches,
-                "belief": session.believe(point),
+                "belief": None,
             }
+        if breaches:
+            return seen
+        if not self._working.acquire(timeout=_MODEL_S):
+            return seen | {"note": "the model is busy with something else"}
+        try:
+            return seen | {"belief": self._worker.believe(point)}
+        finally:
+            self._working.release()
 
     def _believed(self, body: Body) -> Body:
         """The trial believed best of the present target; not part of the status, since it costs a fit."""
@@ -160,46 +237,68 @@ class Page:
     def _read(self, answer: Callable[[Request], Response]) -> Any:
         def run(request: Request) -> Response:
             with self._viewing:
-                self._viewer.refresh()
+                self._refresh(self._viewer)
                 return answer(request)
 
         async def endpoint(request: Request) -> Response:
-            return await run_in_threadpool(run, request)
+            return await run_sync(run, request)
 
         return endpoint
 
-    def _answer(self, act: Callable[[Body], Any]) -> Any:
-        """Read the body, act, and turn errors into messages."""
+    def _answer(self, act: Callable[[Body], Any], *, looks: bool = False) -> Any:
+        """Read the body, act, and turn errors into messages.
+
+        Args:
+            act: what to do.
+            looks: the request only looks at the model; few of them are served at a time.
+        """
 
         async def endpoint(request: Request) -> Response:
             try:
-                body = await _read_body(request)
-                result = await run_in_threadpool(act, body)
+                content = await _read_body(request)
+                result = await run_sync(_acted, act, content, limiter=self._looks if looks else self._steps)
                 return JSONResponse(result if isinstance(result, dict) else {})
-            except MovedOnError as error:
+            except (MovedOnError, StoppedError) as error:
                 return JSONResponse({"error": str(error)}, 409)
             except HdSafeBOError as error:
                 return JSONResponse({"error": str(error)}, 422)
             except (KeyError, TypeError, AttributeError) as error:
                 return JSONResponse({"error": f"malformed request: {error!r}"}, 400)
+            except Exception as error:
+                return JSONResponse({"error": f"an error of this program: {error!r}"}, 500)
 
         return endpoint
 
 
-async def _read_body(request: Request) -> Body:
+def _acted(act: Callable[[Body], Any], content: bytes) -> Any:
+    """The result of a step, for the body of its request."""
+    body = parse_json(content)
+    if not isinstance(body, dict) or not isinstance(body.get("who", ""), str):
+        raise ProtocolError("expected a JSON object with a name as `who`")
+    return act(body)
+
+
+async def _words_of_stop(request: Request) -> Body:
+    """What the request of a stop says, as far as it comes at once and can be read."""
+    content = b""
+    try:
+        async with asyncio.timeout(_STOP_BODY_S):
+            async for chunk in request.stream():
+                content += chunk[: _MAX_STOP_BODY - len(content)]
+        body = parse_json(content)
+    except (TimeoutError, ClientDisconnect, HdSafeBOError):
+        return {}
+    return body if isinstance(body, dict) else {}
+
+
+async def _read_body(request: Request) -> bytes:
     chunks, size = [], 0
     async for chunk in request.stream():
         size += len(chunk)
         if size > _MAX_BODY:
             raise ProtocolError(f"more than {_MAX_BODY} bytes were sent")
         chunks.append(chunk)
-    try:
-        body = json.loads(b"".join(chunks))
-    except (ValueError, RecursionError):
-        raise ProtocolError("expected JSON") from None
-    if not isinstance(body, dict) or not isinstance(body.get("who", ""), str):
-        raise ProtocolError("expected a JSON object with a name as `who`")
-    return body
+    return b"".join(chunks)
 
 
 def _svg(text: str) -> Response:

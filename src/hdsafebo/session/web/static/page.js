@@ -1,29 +1,46 @@
 "use strict";
 // The page shows what /api/status says and sends one step at a time. While a step is on its way every button but
 // STOP is dead, and each step names the log's head that was seen, so nothing can be decided twice.
+// What is believed and what the limits say is shown by showVerdict alone, together with the inputs it is of.
 
 const byId = (id) => document.getElementById(id);
 let seen = null; // last status
 let busy = false;
-let editing = null; // {mode: "modify" | "manual", point} while inputs are edited
+let editing = null; // {mode: "modify" | "manual", point, suggestion} while inputs are edited
 let lookTimer = 0;
 let believedOf = ""; // target and trials that the shown belief is of
+const onTheWay = new Set(); // of every request but STOP: a browser keeps few connections, and STOP must get one
 
 const CONTACT_TOPS = [[6, 12, 18, 24, 30, 36, 42, 48], [3, 9, 15, 21, 27, 33, 39, 45]]; // mm on the paddle
 const CONTACT_COLUMNS = [3, 9]; // drawn further apart than they are, to be hit easily
 
+async function call(path, body) {
+  const controller = new AbortController();
+  onTheWay.add(controller);
+  try {
+    const answer = await fetch(`/api/${path}`, body === undefined ? { signal: controller.signal } : {
+      method: "POST",
+      headers: { "Content-Type": "application/json", "X-Session-Page": "1" },
+      body: JSON.stringify(body),
+      signal: controller.signal,
+    });
+    const text = await answer.text();
+    let result;
+    try { result = JSON.parse(text); } catch { result = { error: text || `the program answered ${answer.status}` }; }
+    if (!answer.ok && !result.error) result.error = `the program answered ${answer.status}`;
+    return result;
+  } finally {
+    onTheWay.delete(controller);
+  }
+}
+
 async function send(step, body) {
-  if (busy && step !== "stop") return;
+  if (busy) return;
   setBusy(true);
   say("");
   try {
-    const answer = await fetch(`/api/${step}`, {
-      method: "POST",
-      headers: { "Content-Type": "application/json", "X-Session-Page": "1" },
-      body: JSON.stringify({ who: byId("who").value, head: seen && seen.head.hash, ...body }),
-    });
-    const result = await answer.json();
-    if (!answer.ok) say(result.error);
+    const result = await call(step, { who: byId("who").value, head: seen && seen.head.hash, ...body });
+    if (result.error) say(result.error);
     else editing = null;
   } catch (error) {
     say(`the program does not answer (${error.message}); nothing is known to be recorded: look at the status`);
@@ -32,22 +49,41 @@ async function send(step, body) {
   setBusy(false);
 }
 
-async function refresh() {
+async function stop() {
+  for (const controller of onTheWay) controller.abort();
+  for (const id of ["course", "calibration"]) byId(id).removeAttribute("src");
+  say("STOP …");
   try {
-    const answer = await fetch("/api/status");
-    if (!answer.ok) { say(await answer.text()); return; }
-    const status = await answer.json();
-    const changed = !seen || seen.head.hash !== status.head.hash;
+    const answer = await fetch("/api/stop", {
+      method: "POST",
+      headers: { "Content-Type": "application/json", "X-Session-Page": "1" },
+      body: JSON.stringify({ who: byId("who").value, reason: byId("reason").value.trim() || "stop button" }),
+      keepalive: true,
+    });
+    const result = await answer.json();
+    say(result.error || "");
+  } catch (error) {
+    say(`the program does not answer (${error.message}): stop at the stimulator`);
+  }
+  editing = null;
+  await refresh(true);
+}
+
+async function refresh(again = false) {
+  try {
+    const status = await call("status");
+    if (status.error) { say(status.error); return; }
+    const changed = again || !seen || seen.head.hash !== status.head.hash || seen.stopped !== status.stopped;
     seen = status;
     if (changed) show();
   } catch (error) {
-    say("the program does not answer");
+    if (error.name !== "AbortError") say("the program does not answer");
   }
 }
 
 function setBusy(value) {
   busy = value;
-  for (const button of document.querySelectorAll("button:not(.stop)")) button.disabled = value;
+  for (const button of document.querySelectorAll("button:not(.stop)")) button.disabled = value || button.dataset.ready === "no";
   document.body.dataset.busy = value;
 }
 
@@ -63,6 +99,8 @@ function show() {
   byId("head").textContent = `${seen.head.seq} ${seen.head.hash}`;
   byId("stopped").hidden = seen.stopped === null;
   byId("stopped").firstElementChild.textContent = `Stopped: ${seen.stopped}`;
+  byId("notices").textContent = seen.notices.join("; ");
+  byId("notices").hidden = seen.notices.length === 0;
   fill(byId("target"), seen.targets.map((t) => new Option(t, t, false, t === seen.target)));
   showBest();
   showBelieved();
@@ -78,15 +116,17 @@ function showNow() {
   let point = null, belief = null, title = "Ready";
   byId("record").hidden = !running;
   byId("reason-row").hidden = true;
-  fill(byId("breaches"), []);
+  if (editing && (stopped !== null || running || (suggestion && suggestion.number) !== editing.suggestion)) {
+    editing = null;
+    say("the session has moved on: what was being edited is not delivered");
+  }
   if (editing) {
     title = editing.mode === "modify" ? `Change suggestion ${suggestion.number}` : "Own trial";
     point = editing.point;
     byId("reason-row").hidden = false;
     buttons.push(["Deliver this", "approve", () => send(editing.mode, {
-      point: editing.point, reason: byId("reason").value, suggestion: suggestion && suggestion.number })]);
+      point: editing.point, reason: byId("reason").value, suggestion: editing.suggestion })]);
     buttons.push(["Back", "plain", () => { editing = null; showNow(); }]);
-    look();
   } else if (running) {
     title = `Trial ${running.number} (${running.origin}): deliver, then record`;
     point = running.point;
@@ -108,7 +148,6 @@ function showNow() {
   }
   byId("title").textContent = title;
   showPoint(point);
-  showBelief(belief);
   fill(byId("buttons"), buttons.map(([text, kind, act]) => {
     const button = element("button", text, kind);
     button.dataset.step = text;
@@ -116,6 +155,18 @@ function showNow() {
     button.onclick = act;
     return button;
   }));
+  if (editing) look();
+  else showVerdict({ belief });
+}
+
+// The only place where a belief, exceeded limits and whether inputs may be delivered are shown: always together.
+function showVerdict({ belief = null, breaches = [], ready = true }) {
+  fill(byId("breaches"), breaches.map((text) => element("li", text)));
+  showBelief(belief);
+  const deliver = byId("buttons").firstElementChild;
+  if (!deliver) return;
+  deliver.dataset.ready = ready ? "yes" : "no";
+  deliver.disabled = busy || !ready;
 }
 
 function withReason(step, body) {
@@ -131,7 +182,7 @@ function withReason(step, body) {
 }
 
 function edit(mode, point) {
-  editing = { mode, point: structuredClone(point) };
+  editing = { mode, point: structuredClone(point), suggestion: seen.suggestion && seen.suggestion.number };
   byId("reason").value = "";
   showNow();
 }
@@ -194,22 +245,22 @@ function paddle(polarity) {
   return svg;
 }
 
+// Until the program has looked at exactly these inputs nothing is said about them, and they cannot be delivered.
 function look() {
   clearTimeout(lookTimer);
+  showVerdict({ ready: false });
   lookTimer = setTimeout(async () => {
-    const asked = editing;
-    if (!asked) return;
-    const answer = await fetch("/api/look", {
-      method: "POST",
-      headers: { "Content-Type": "application/json", "X-Session-Page": "1" },
-      body: JSON.stringify({ point: asked.point }),
-    });
-    const result = await answer.json();
-    if (editing !== asked) return;
-    const breaches = result.breaches || [result.error];
-    fill(byId("breaches"), breaches.map((text) => element("li", text)));
-    byId("buttons").firstElementChild.disabled = busy || breaches.length > 0;
-    showBelief(result.belief || null);
+    if (!editing) return;
+    const asked = JSON.stringify(editing.point);
+    let result;
+    try {
+      result = await call("look", { point: editing.point });
+    } catch (error) {
+      result = { error: `the limits cannot be looked at (${error.message})` };
+    }
+    if (!editing || JSON.stringify(editing.point) !== asked) return;
+    const breaches = result.error ? [result.error] : result.breaches;
+    showVerdict({ belief: result.error ? null : result.belief, breaches, ready: breaches.length === 0 });
   }, 250);
 }
 
@@ -314,9 +365,7 @@ async function showBelieved() {
   believedOf = wanted;
   byId("believed").textContent = "";
   try {
-    const answer = await fetch("/api/believed", {
-      method: "POST", headers: { "Content-Type": "application/json", "X-Session-Page": "1" }, body: "{}" });
-    const { best, error } = await answer.json();
+    const { best, error } = await call("believed", {});
     if (wanted !== believedOf) return;
     if (best) {
       const value = `${best.mean.toFixed(3)} ± ${(2 * best.deviation).toFixed(3)}`;
@@ -364,11 +413,11 @@ function svgElement(name, attributes) {
   return made;
 }
 
-byId("stop").onclick = () => send("stop", { reason: byId("reason").value.trim() || "stop button" });
+byId("stop").onclick = stop;
 byId("resume").onclick = () => send("resume", {});
 byId("target").onchange = () => send("target", { target: byId("target").value });
 byId("record").onsubmit = (event) => event.preventDefault();
 byId("who").value = localStorage.getItem("who") || "";
 byId("who").oninput = () => localStorage.setItem("who", byId("who").value);
 refresh();
-setInterval(() => { if (!busy && !editing) refresh(); }, 3000);
+setInterval(() => refresh(), 3000);

@@ -1,0 +1,130 @@
+"""What a problem of policies is made of: seeds, the space of policies, limits of weights, directions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hdsafebo.errors import ProblemError
+from hdsafebo.policies.affine import Normalisation, PolicySpace
+from hdsafebo.policies.environments import action_limits
+from hdsafebo.policies.features import leading, main_actions
+from hdsafebo.typing import FloatArray
+
+_BOX_FACTOR = 1.5
+_BOX_LEAST = 0.03
+_SHARE = 0.95
+_MOST_DIRECTIONS = 12
+_POLICIES = 40
+_STRIDE = 7
+"""Consecutive observations are much alike: every seventh one of 40 policies' tells main directions."""
+
+
+def checked_seeds(seeds: Sequence[int]) -> tuple[int, ...]:
+    """The seeds as a tuple.
+
+    Raises:
+        ProblemError: there is none, one stands twice, or one is no whole number of at least 0.
+    """
+    given = tuple(seeds)
+    if not given or len(set(given)) != len(given):
+        raise ProblemError(f"seeds are {given}; expected at least one, all different")
+    for seed in given:
+        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+            raise ProblemError(f"seeds are {given}; expected whole numbers, at least 0")
+    return tuple(int(seed) for seed in given)
+
+
+def raw_space(environment: Any, base: ArrayLike | None, unit: ArrayLike | None) -> PolicySpace:
+    """The policies of an environment whose observations are taken as they are.
+
+    Args:
+        environment: a Gymnasium environment with boxes as spaces.
+        base: action of the policy whose weights are all 0, a number or (k,); None takes the middle.
+        unit: action per unit of weight, a number or (k,); None takes half the range.
+
+    Raises:
+        ProblemError: base or unit has another shape, is not finite, or a unit is not above 0.
+    """
+    low, high = action_limits(environment)
+    values = {
+        "base": (low + high) / 2 if base is None else base,
+        "unit": (high - low) / 2 if unit is None else unit,
+    }
+    vectors = {}
+    for what, value in values.items():
+        try:
+            vectors[what] = np.broadcast_to(np.asarray(value, float), low.shape).copy()
+        except ValueError:
+            raise ProblemError(f"{what} has shape {np.shape(value)}; expected ({len(low)},)") from None
+        if not np.isfinite(vectors[what]).all():
+            raise ProblemError(f"{what} has values that are not finite")
+    if not (vectors["unit"] > 0).all():
+        raise ProblemError("unit has values that are not above 0")
+    shape = tuple(int(n) for n in environment.observation_space.shape)
+    return PolicySpace(
+        low,
+        high,
+        vectors["base"],
+        vectors["unit"],
+        Normalisation.none(int(np.prod(shape))),
+        tuple(int(n) for n in environment.action_space.shape),
+        shape,
+        str(environment.action_space.dtype),
+    )
+
+
+def weight_limits(box: ArrayLike | str, drawn: FloatArray) -> FloatArray:
+    """(2, D) limits of the weights.
+
+    Args:
+        box: a number or (D,) numbers, or "design": 1.5 times the largest weights of initial policies, at
+            least 0.03.
+        drawn: (n, D) initial policies.
+
+    Raises:
+        ProblemError: another shape or word, or limits that are not finite and above 0.
+    """
+    d = drawn.shape[1]
+    if isinstance(box, str):
+        if box != "design":
+            raise ProblemError(f"box is {box!r}; expected a number, ({d},) numbers or 'design'")
+        limit = np.maximum(_BOX_FACTOR * np.abs(drawn).max(axis=0), _BOX_LEAST)
+        return np.stack([-limit, limit])
+    try:
+        limit = np.broadcast_to(np.asarray(box, float), (d,))
+    except ValueError:
+        raise ProblemError(f"box has shape {np.shape(box)}; expected a number or ({d},)") from None
+    if not (np.isfinite(limit).all() and (limit > 0).all()):
+        raise ProblemError("box has limits that are not finite and above 0")
+    return np.stack([-limit, limit])
+
+
+def main_directions(seen: FloatArray) -> int:
+    """How many main directions of (m, o + 1) observations hold 95 % of their second moment; at most 12."""
+    values, _ = leading(seen.T @ seen / len(seen), seen.shape[1])
+    shares = np.cumsum(values) / values.sum()
+    return min(int(np.searchsorted(shares, _SHARE)) + 1, _MOST_DIRECTIONS)
+
+
+def action_axes(count: int | None, drawn: FloatArray, seen: FloatArray, actions: int) -> FloatArray:
+    """(k, q) directions of actions that behaviour features keep.
+
+    Args:
+        count: q, the main directions in which initial policies differ; None keeps all k actions.
+        drawn: (n, D) initial policies.
+        seen: (m, o + 1) recorded normalised observations.
+        actions: k.
+
+    Raises:
+        ProblemError: count is not between 1 and k.
+    """
+    if count is None:
+        return np.eye(actions)
+    if not 1 <= count <= actions:
+        raise ProblemError(f"action_directions is {count}; expected 1 to {actions}")
+    policies = drawn[:_POLICIES].reshape(-1, actions, seen.shape[1])
+    return main_actions(seen[::_STRIDE], policies, count)

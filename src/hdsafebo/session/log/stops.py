@@ -1,0 +1,102 @@
+"""Stops that wait for their place in the log.
+
+A stop must be obeyed though the log is locked, the disk is slow or a suggestion is being computed. It is a
+file of its own in the session's directory, which nobody else writes and for which no lock is needed: as long
+as it is there, no trial starts. Whoever holds the log next writes the stop into it, and then removes the
+file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from hdsafebo.session.errors import SessionError
+from hdsafebo.session.words import LONGEST, LONGEST_NAME, trimmed_text
+
+PREFIX = "STOP-"
+_DAMAGED = "stop (its words were damaged)"
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A stop.
+
+    Attributes:
+        path: of its file.
+        who, reason: as far as they were given.
+        time: ISO 8601.
+    """
+
+    path: Path
+    who: str
+    reason: str
+    time: str
+
+    @property
+    def token(self) -> str:
+        """Tells it from every other stop."""
+        return self.path.name
+
+
+def press(directory: Path, who: object, reason: object, time: datetime) -> Stop:
+    """Stop a session, whatever its log is doing; on the disk when this returns.
+
+    Args:
+        directory: of the session.
+        who, reason: anything; what can be kept of them is kept.
+        time: now.
+
+    Raises:
+        SessionError: the directory cannot be written. As nothing can be appended to its log either, no trial
+            can start from it.
+    """
+    words = {
+        "who": trimmed_text(who, LONGEST_NAME, "unnamed"),
+        "reason": trimmed_text(reason, LONGEST, "stop"),
+        "time": time.isoformat(timespec="milliseconds"),
+    }
+    path = directory / f"{PREFIX}{time:%Y%m%dT%H%M%S}-{secrets.token_hex(8)}"
+    text = json.dumps(words, ensure_ascii=False).encode("utf-8", "replace")
+    try:
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+    except OSError as error:
+        raise SessionError(
+            f"{path}: the stop cannot be kept ({error.strerror}); no trial can be started from here either, "
+            "as nothing can be written"
+        ) from None
+    try:
+        with suppress(OSError):  # a full disk: the file itself is the stop, its words are not needed
+            os.write(file, hashlib.sha256(text).hexdigest().encode() + b" " + text)
+            os.fsync(file)
+    finally:
+        os.close(file)
+    return Stop(path, **words)
+
+
+def pending(directory: Path) -> list[Stop]:
+    """Stops that no log holds yet, the oldest first."""
+    try:
+        names = sorted(name for name in os.listdir(directory) if name.startswith(PREFIX))
+    except OSError:
+        return []
+    return [_read(directory / name) for name in names]
+
+
+def _read(path: Path) -> Stop:
+    """A stop, whatever its file holds."""
+    try:
+        with path.open("rb") as file:
+            digest, _, text = file.read(4 * (LONGEST + LONGEST_NAME) + 1000).partition(b" ")
+        if hashlib.sha256(text).hexdigest().encode() != digest:
+            raise ValueError("damaged")
+        words = json.loads(text)
+        return Stop(path, words["who"], words["reason"], words["time"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return Stop(path, "unnamed", _DAMAGED, "")

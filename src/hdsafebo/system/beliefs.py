@@ -1,0 +1,201 @@
+"""What is believed, in the user's units: predictions, the best settings, what another trial may gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import ndtr
+
+from hdsafebo.gp.safe_set import safe_probability
+from hdsafebo.optimizers.base import Optimizer
+from hdsafebo.optimizers.core.contexts import in_context
+from hdsafebo.search.candidates import sobol_points
+from hdsafebo.system.problem import SystemProblem
+from hdsafebo.trials import Trials
+from hdsafebo.typing import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DEVIATION = "_sd"
+SAFE = "_safe"
+SAFE_PROBABILITY = "safe_probability"
+_SQRT_2PI = np.sqrt(2.0 * np.pi)
+_SPREAD = 2048
+_NEAR = (512, 0.1)
+"""Number and standard deviation, in the box, of points around the best trial where a gain is sought."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """A setting, what was measured of it and what is believed of it.
+
+    Attributes:
+        trial: id of its trial.
+        setting: values of parameters and contexts.
+        objective: as measured.
+        outcomes: all that was measured.
+        mean: of the objective, without noise, as believed.
+        sd: standard deviation of that belief.
+        safe_probability: that every limit is kept, as believed.
+    """
+
+    trial: int
+    setting: dict[str, Any]
+    objective: float
+    outcomes: dict[str, float]
+    mean: float
+    sd: float
+    safe_probability: float
+
+
+@dataclass(frozen=True)
+class Best:
+    """The best settings that were tried and kept every limit.
+
+    Attributes:
+        measured: of the best measurement; of many noisy ones the highest is the luckiest.
+        believed: of the best belief, under the context that was asked for.
+    """
+
+    measured: Belief
+    believed: Belief
+
+    @property
+    def objective(self) -> float:
+        """The best measurement."""
+        return self.measured.objective
+
+
+def pending(optimizer: Optimizer, x: FloatArray) -> Trials:
+    """Trials at (n, D) points of the box, to be looked at only."""
+    problem = optimizer.problem
+    rows = problem.candidates.rows_of(x) if hasattr(problem.candidates, "rows_of") else np.full(len(x), -1)
+    return Trials.pending(x, x.copy(), len(problem.safety), candidate=rows)
+
+
+def predict(optimizer: Optimizer, x: FloatArray) -> pd.DataFrame:
+    """Mean, standard deviation and safe probability of every function at (n, D) points of the box.
+
+    Columns: `<outcome>` (mean), `<outcome>_sd`, `<limit>_safe`, `completes_safe` once trials have failed and
+    failures teach, and `safe_probability` of all together.
+
+    Raises:
+        NoSafePointError: nothing was told yet.
+    """
+    import pandas as pd
+
+    problem = optimizer.problem
+    assert isinstance(problem, SystemProblem)
+    system, surrogate = problem.codec.system, optimizer.surrogate
+    inputs = optimizer.kernel_inputs(pending(optimizer, x))
+    mean, sd = surrogate.objective.predict(inputs)
+    columns = {
+        system.objective.name: system.objective.sign * mean,
+        system.objective.name + DEVIATION: sd,
+    }
+    means, sds = surrogate.predict_safety(inputs)
+    j = 0
+    for limit in system.limits:
+        sides = slice(j, j + len(limit.sides))
+        columns[limit.name] = limit.sides[0][0] * means[:, j]
+        columns[limit.name + DEVIATION] = sds[:, j]
+        columns[limit.name + SAFE] = safe_probability(
+            means[:, sides], sds[:, sides], surrogate.thresholds[sides]
+        )
+        j = sides.stop
+    if means.shape[1] > j:
+        columns["completes" + SAFE] = safe_probability(means[:, j:], sds[:, j:], surrogate.thresholds[j:])
+    columns[SAFE_PROBABILITY] = safe_probability(means, sds, surrogate.thresholds)
+    return pd.DataFrame(columns)
+
+
+def best(optimizer: Optimizer, context: FloatArray | None) -> Best | None:
+    """The best trials that kept every limit; None when there is none.
+
+    Args:
+        optimizer: of the study.
+        context: (c,) columns under which beliefs are compared; None takes each trial under its own.
+    """
+    rows = np.flatnonzero(optimizer.feasible)
+    if len(rows) == 0:
+        return None
+    trials = optimizer.trials[rows]
+    seen = trials if context is None else in_context(optimizer.problem, trials, context)
+    inputs = optimizer.kernel_inputs(pending(optimizer, seen.x))
+    surrogate = optimizer.surrogate
+    mean, sd = surrogate.objective.predict(inputs)
+    safe = surrogate.safe_probability(inputs)
+    likely = surrogate.believed_safe(inputs, optimizer.confidence)
+    counts = likely if likely.any() else safe >= safe.max()
+    problem = optimizer.problem
+    assert isinstance(problem, SystemProblem)
+    sign = problem.codec.system.objective.sign
+
+    def belief(i: int) -> Belief:
+        return Belief(
+            trial=int(trials.id[i]),
+            setting=problem.codec.records(seen.x[[i]])[0],
+            objective=sign * float(trials.objective[i]),
+            outcomes=outcomes(problem, trials)[i],
+            mean=sign * float(mean[i]),
+            sd=float(sd[i]),
+            safe_probability=float(safe[i]),
+        )
+
+    lucky = int(np.argmax(trials.objective))
+    return Best(belief(lucky), belief(int(np.argmax(np.where(counts, mean, -np.inf)))))
+
+
+def outcomes(problem: SystemProblem, trials: Trials) -> list[dict[str, float]]:
+    """What was measured, by name, in the user's signs."""
+    system = problem.codec.system
+    table = {system.objective.name: system.objective.sign * trials.objective}
+    j = 0
+    for limit in system.limits:
+        table[limit.name] = limit.sides[0][0] * trials.safety[:, j]
+        j += len(limit.sides)
+    return [{name: float(values[i]) for name, values in table.items()} for i in range(len(trials))]
+
+
+def expected_gain(optimizer: Optimizer, context: FloatArray | None) -> float:
+    """The largest expected improvement over the believed best, of what is believed safe; in its units.
+
+    Expected improvement counts what is better and takes the rest for nothing (Jones, Schonlau and Welch,
+    1998). It is sought at points spread over the whole box and near the believed best; the same ones at
+    every call.
+
+    Args:
+        optimizer: of the study.
+        context: (c,) columns of the contexts.
+
+    Returns:
+        0 when nothing untried is believed safe.
+    """
+    problem, surrogate = optimizer.problem, optimizer.surrogate
+    assert isinstance(problem, SystemProblem)
+    rng = np.random.default_rng(0)
+    found = best(optimizer, context)
+    if problem.candidates is not None:
+        x = problem.candidates.inputs(np.arange(len(problem.candidates.features)))
+    else:
+        x = sobol_points(_SPREAD, problem.codec.dimension, rng)
+        if found is not None:
+            centre = optimizer.trials.x[found.believed.trial]
+            near = centre + _NEAR[1] * rng.standard_normal((_NEAR[0], len(centre)))
+            x = np.concatenate([x, np.clip(near, 0.0, 1.0)])
+    if context is not None:
+        x[:, list(problem.contexts)] = context
+    x = problem.land(x) if problem.lands else x
+    inputs = optimizer.kernel_inputs(pending(optimizer, x))
+    safe = surrogate.believed_safe(inputs, optimizer.confidence)
+    if not safe.any():
+        return 0.0
+    mean, sd = surrogate.objective.predict(inputs[safe])
+    if found is None:
+        return float("inf")
+    sign = problem.codec.system.objective.sign
+    u = (mean - sign * found.believed.mean) / sd
+    return float((sd * (u * ndtr(u) + np.exp(-0.5 * u * u) / _SQRT_2PI)).max())

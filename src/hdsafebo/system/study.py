@@ -1,0 +1,473 @@
+"""A study: suggestions for one's own system, in its own names and units, kept in a folder.
+
+study = Study.open("arm.hdsafebo", system)        # begins or goes on
+study.observe(table)                              # what was tried already
+suggestion = study.ask(context={"payload": 1.2})
+study.tell(suggestion, run(**suggestion.setting))
+"""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hdsafebo.errors import HdSafeBOError
+from hdsafebo.optimizers.registry import load_optimizer, make_optimizer
+from hdsafebo.system import beliefs
+from hdsafebo.system.beliefs import SAFE_PROBABILITY, Best
+from hdsafebo.system.description import System
+from hdsafebo.system.errors import StudyError, TableError
+from hdsafebo.system.problem import SystemProblem
+from hdsafebo.system.storage import Folder, Plan
+from hdsafebo.system.tables import NOISE, STATUS, TRIAL, columns_of, measured, require, result_names
+from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from hdsafebo.optimizers.base import Optimizer
+    from hdsafebo.system.tables import Table
+
+_STATES = {Status.PENDING: "pending", Status.COMPLETED: "completed", Status.FAILED: "failed"}
+_LEAST_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A trial to run.
+
+    Attributes:
+        trial: its id, to tell its results under.
+        setting: values of the parameters, ready to be passed on as they are.
+        context: values of the contexts it was asked for.
+        safe_probability: that every limit is kept, as believed; NaN for methods without a model.
+        marked_unsafe: nothing was believed safe, and `empty_safe_set="mark"` asked for it all the same.
+    """
+
+    trial: int
+    setting: dict[str, Any]
+    context: dict[str, Any]
+    safe_probability: float
+    marked_unsafe: bool
+
+
+class Study:
+    """A study in memory; `Study.open` keeps it in a folder.
+
+    Args:
+        system: what is optimised.
+        method: name of the optimiser (`hdsafebo methods` lists them).
+        seed: of its random generator.
+        settings: of the method, such as `alpha` (the safe probability that every suggestion is promised).
+
+    Attributes:
+        system: what is optimised.
+        method: name of the optimiser.
+        seed: of its random generator.
+        settings: of the method.
+        identity: the folder's path, or a random text for a study in memory.
+
+    Raises:
+        DescriptionError: the system is incomplete or contradicts itself.
+        ProblemError: the method cannot do what the system needs.
+        ParamsError: a setting is unknown, of the wrong type or out of range.
+    """
+
+    def __init__(
+        self, system: System, *, method: str = "hdsafebo_local", seed: int = 0, **settings: Any
+    ) -> None:
+        self._begin(system, Plan(method, seed, settings), None)
+
+    @classmethod
+    def open(
+        cls,
+        path: str | Path,
+        system: System | None = None,
+        *,
+        method: str | None = None,
+        seed: int | None = None,
+        **settings: Any,
+    ) -> Study:
+        """Begin a study in a folder, or go on with the one that is there.
+
+        Each step is on the disk when it returns, whatever happens afterwards; several processes may have the
+        same study open and take turns.
+
+        Args:
+            path: the folder.
+            system: what is optimised; may be left out when the study exists.
+            method: as in `Study`; may be left out when the study exists.
+            seed: likewise.
+            settings: likewise.
+
+        Raises:
+            StudyError: there is no study and no system to begin one with, the study is of another system,
+                method, seed or settings, or its files are damaged.
+        """
+        folder = Folder(Path(path))
+        if not folder.exists:
+            if system is None:
+                raise StudyError(f"{path}: no study is there; pass the system to begin one")
+            plan = Plan(method or "hdsafebo_local", seed or 0, settings)
+            cls.__new__(cls)._begin(system, plan, None)  # what cannot be begun leaves no folder
+            folder.create(system, plan)
+        stored, plan = folder.read()
+        given = {"method": method, "seed": seed, **settings}
+        known = {"method": plan.method, "seed": plan.seed, **plan.settings}
+        for key, value in given.items():
+            if value is not None and known.get(key) != value:
+                raise StudyError(f"{path}: {key} of the study is {known.get(key)!r}; expected {value!r}")
+        if system is not None:
+            _check_same(path, stored.to_dict(), system.to_dict())
+        study = cls.__new__(cls)
+        study._begin(stored, plan, folder)
+        with study._current():
+            pass
+        return study
+
+    def _begin(self, system: System, plan: Plan, folder: Folder | None) -> None:
+        self.system, self.method = system, plan.method
+        self.seed, self.settings = plan.seed, dict(plan.settings)
+        self.identity = uuid.uuid4().hex if folder is None else str(folder.path.resolve())
+        self._plan, self._folder = plan, folder
+        self._turn = threading.RLock()
+        self._new()
+
+    def _new(self) -> None:
+        self._problem = SystemProblem(self.system)
+        self._optimizer: Optimizer = make_optimizer(
+            self._plan.method, self._problem, seed=self._plan.seed, **self._plan.settings
+        )
+
+    # --- steps
+
+    def ask(self, n: int | None = None, *, context: Mapping[str, Any] | None = None) -> Any:
+        """Suggest trials.
+
+        Args:
+            n: how many; None asks for one.
+            context: value of every context, by name.
+
+        Returns:
+            A `Suggestion` without n; with n a DataFrame of at most n trials, indexed by trial, with the
+            columns of parameters and contexts, `safe_probability` and `marked_unsafe`.
+
+        Raises:
+            TableError: a context is missing, unknown or out of range.
+            NoSafePointError: nothing is believed safe; the message says what to do.
+        """
+        held = self._context(context)
+        with self._step() as optimizer:
+            trials = optimizer.ask(1 if n is None else n, context=held)
+        if n is not None:
+            return self._suggested(trials)
+        known = {c.name for c in self.system.contexts}
+        values = self._problem.codec.records(trials.x)[0]
+        return Suggestion(
+            int(trials.id[0]),
+            {name: v for name, v in values.items() if name not in known},
+            {name: v for name, v in values.items() if name in known},
+            float(trials.predicted_safe_probability[0]),
+            bool(trials.marked_unsafe[0]),
+        )
+
+    def tell(
+        self,
+        trial: Any,
+        results: Table | None = None,
+        *,
+        ran: Mapping[str, Any] | None = None,
+        failed: bool = False,
+        noise: Mapping[str, float] | None = None,
+    ) -> None:
+        """Report the result of one trial, or of a table of trials.
+
+        Either everything in the call is taken in, or nothing. The same result told again changes nothing.
+
+        Args:
+            trial: a `Suggestion`, the id of a trial, or a table with the column (or index) `trial`, the
+                outcomes, and optionally `status` and `<outcome>_noise`; a table may have the inputs, too,
+                which are then what was really run.
+            results: outcomes by name, of a single trial.
+            ran: parameters and contexts that were really set, where they differ from what was asked.
+            failed: the trial gave no result; no outcomes are needed.
+            noise: known standard deviations of the outcomes, by name.
+
+        Raises:
+            TableError: a name is missing or unknown, or a value is out of range or no finite number.
+            TrialError: an unknown trial, or a result that conflicts with an earlier one, which stays.
+        """
+        if isinstance(trial, Suggestion | int | np.integer):
+            number = trial.trial if isinstance(trial, Suggestion) else int(trial)
+            ids = [number]
+            columns = self._single(results, failed, noise)
+            instead = dict(ran or {})
+            require(instead, [], self.system.inputs, "ran")
+        else:
+            if results is not None or ran is not None or noise is not None or failed:
+                raise TableError(
+                    "a table of trials holds all that is told of them; leave the other arguments out"
+                )
+            ids, columns = self._table(trial)
+            instead = {n: columns.pop(n) for n in self.system.inputs if n in columns}
+        told = measured(self.system, columns, len(ids))
+        with self._step() as optimizer:
+            x = self._inputs_run(optimizer, ids, instead)
+            optimizer.tell(ids, told.objective, told.safety, status=told.status, x=x, noise=told.noise)
+
+    def observe(self, table: Table) -> None:
+        """Take in trials that were not suggested here: what was tried before, or set by hand since.
+
+        Args:
+            table: the columns are parameters, contexts and outcomes, and optionally `status` ("completed" or
+                "failed") and `<outcome>_noise`. Values between steps are taken as they were set.
+
+        Raises:
+            TableError: a column is missing or unknown, or a value is out of range or no finite number.
+        """
+        columns = columns_of(table, "the table")
+        fixed = [p.name for p in self.system.parameters if p.width == 0]
+        needed = [name for name in self.system.inputs if name not in fixed]
+        outcomes = [] if STATUS in columns else list(self.system.outcomes)
+        require(columns, [*needed, *outcomes], [*fixed, *result_names(self.system)], "the table")
+        n = len(next(iter(columns.values())))
+        x = self._encoded(columns, n)
+        told = measured(self.system, columns, n)
+        with self._step() as optimizer:
+            trials = beliefs.pending(optimizer, x)
+            optimizer.observe(
+                trials.x,
+                told.objective,
+                told.safety,
+                status=told.status,
+                noise=told.noise,
+                candidate=trials.candidate,
+                initial=optimizer.round == 0,
+            )
+
+    # --- what is known and believed
+
+    def predict(self, table: Table, *, context: Mapping[str, Any] | None = None) -> pd.DataFrame:
+        """What is believed of settings, in the user's units; see `beliefs.predict` for the columns.
+
+        Args:
+            table: settings, with their contexts unless `context` gives one for all.
+            context: value of every context, by name.
+
+        Raises:
+            TableError: a column is missing or unknown, or a value is out of range.
+            NoSafePointError: nothing was told yet.
+        """
+        columns = columns_of(table, "the table")
+        n = len(next(iter(columns.values()), []))
+        for name, value in (context or {}).items():
+            columns.setdefault(name, [value] * n)
+        fixed = [p.name for p in self.system.parameters if p.width == 0]
+        require(columns, [name for name in self.system.inputs if name not in fixed], fixed, "the table")
+        with self._current() as optimizer:
+            return beliefs.predict(optimizer, self._encoded(columns, n))
+
+    def best(self, *, context: Mapping[str, Any] | None = None) -> Best | None:
+        """The best setting as measured and as believed, of those that kept every limit; None without one.
+
+        Args:
+            context: under which settings are compared; None compares each under its own.
+        """
+        held = None if context is None else self._context(context)
+        with self._current() as optimizer:
+            return beliefs.best(optimizer, held)
+
+    def expected_gain(self, *, context: Mapping[str, Any] | None = None) -> float:
+        """How much one more trial is expected to improve on the believed best, in the objective's units.
+
+        Stop when it is less than a trial costs.
+        """
+        held = self._context(context)
+        with self._current() as optimizer:
+            return beliefs.expected_gain(optimizer, held if self.system.contexts else None)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """All trials, one row each, indexed by trial, in the user's names and units.
+
+        Columns: parameters, contexts, outcomes, `status`, `safe` (every limit was kept), `initial`, `round`,
+        `safe_probability` (as believed before the trial), `marked_unsafe`.
+        """
+        import pandas as pd
+
+        with self._current() as optimizer:
+            trials, safe = optimizer.trials, optimizer.feasible
+            rows = beliefs.outcomes(self._problem, trials)
+        table = pd.DataFrame(self._problem.codec.table(trials.x), index=pd.Index(trials.id, name=TRIAL))
+        for name in self.system.outcomes:
+            table[name] = [row[name] for row in rows]
+        table[STATUS] = [_STATES[Status(s)] for s in trials.status]
+        table["safe"] = safe
+        table["initial"] = trials.initial
+        table["round"] = trials.round
+        table[SAFE_PROBABILITY] = trials.predicted_safe_probability
+        table["marked_unsafe"] = trials.marked_unsafe
+        return table
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write `to_dataframe` to a file, whole or not at all."""
+        from hdsafebo.files.atomic import replacing
+
+        with replacing(Path(path)) as temporary:
+            self.to_dataframe().to_csv(temporary)
+
+    def pending(self) -> pd.DataFrame:
+        """Trials that were asked and not told, as `ask` gave them."""
+        with self._current() as optimizer:
+            trials = optimizer.trials
+            return self._suggested(trials[trials.status == Status.PENDING])
+
+    @property
+    def optimizer(self) -> Optimizer:
+        """The optimiser, which sees the box [0, 1]^D; change it through the study only."""
+        with self._current() as optimizer:
+            return optimizer
+
+    def __len__(self) -> int:
+        return len(self.optimizer.trials)
+
+    def __repr__(self) -> str:
+        where = "" if self._folder is None else f" in {str(self._folder.path)!r}"
+        return f"Study of {self.system.name!r} by {self.method}{where}, {len(self)} trials"
+
+    # --- turns
+
+    @contextmanager
+    def _current(self) -> Iterator[Optimizer]:
+        """The optimiser as the last step of any process left it."""
+        with self._turn:
+            if self._folder is None:
+                yield self._optimizer
+                return
+            with self._folder.locked():
+                self._refresh(self._folder)
+                yield self._optimizer
+
+    @contextmanager
+    def _step(self) -> Iterator[Optimizer]:
+        """A step: on the disk when it ends, and no step at all when it fails."""
+        with self._turn:
+            if self._folder is None:
+                yield self._optimizer
+                return
+            with self._folder.locked():
+                self._refresh(self._folder)
+                try:
+                    yield self._optimizer
+                    self._optimizer.save(self._folder.state)
+                except BaseException:
+                    self._folder.forget()
+                    raise
+                self._folder.note()
+
+    def _refresh(self, folder: Folder) -> None:
+        if not folder.changed:
+            return
+        if folder.begun:
+            self._problem = SystemProblem(self.system)
+            try:
+                self._optimizer = load_optimizer(self._plan.method, folder.state, self._problem)
+            except HdSafeBOError as error:
+                raise StudyError(f"{folder.path}: {error}") from error
+        else:
+            self._new()
+        folder.note()
+
+    # --- between tables and the box
+
+    def _context(self, context: Mapping[str, Any] | None) -> FloatArray:
+        columns = columns_of(dict(context or {}), "the context")
+        require(columns, [c.name for c in self.system.contexts], [], "the context")
+        if not self.system.contexts:
+            return np.empty(0)
+        codec = self._problem.codec
+        return codec.encode(codec.check(columns, self.system.contexts), self.system.contexts)[0]
+
+    def _encoded(self, columns: Mapping[str, Sequence[Any]], n: int) -> FloatArray:
+        codec = self._problem.codec
+        full = {p.name: [p.python(0)] * n for p in self.system.parameters if p.width == 0} | dict(columns)
+        return codec.encode(codec.check(full, codec.parts))
+
+    def _inputs_run(
+        self, optimizer: Optimizer, ids: Sequence[int], instead: Mapping[str, Any]
+    ) -> FloatArray | None:
+        """(n, D) inputs that were really run; None when they are those that were asked."""
+        if not instead:
+            return None
+        known = optimizer.trials
+        if any(not 0 <= i < len(known) for i in ids):
+            return None  # unknown trials are refused by tell
+        asked = known.x[list(ids)]
+        columns = self._problem.codec.table(asked)
+        given = {name: v if isinstance(v, list) else [v] for name, v in instead.items()}
+        x = self._encoded(columns | given, len(ids))
+        same = np.abs(x - asked) <= 1e-9  # a table that gives back what was asked
+        return np.where(same, asked, x)
+
+    def _single(
+        self, results: Table | None, failed: bool, noise: Mapping[str, float] | None
+    ) -> dict[str, list[Any]]:
+        if failed:
+            if results:
+                raise TableError("a failed trial has no results; leave them out, or tell it as completed")
+            return {STATUS: ["failed"]}
+        if results is None:
+            raise TableError(
+                f"results are missing; expected {', '.join(self.system.outcomes)}, or failed=True"
+            )
+        columns = columns_of(results, "results")
+        for name, value in (noise or {}).items():
+            columns[name + NOISE] = [value]
+        require(columns, self.system.outcomes, result_names(self.system), "results")
+        if len(columns[self.system.outcomes[0]]) != 1:
+            raise TableError("results have several rows for one trial; tell a table with the column 'trial'")
+        return columns
+
+    def _table(self, table: Table) -> tuple[list[int], dict[str, list[Any]]]:
+        columns = columns_of(table, "the table")
+        if TRIAL not in columns and getattr(getattr(table, "index", None), "name", None) == TRIAL:
+            columns[TRIAL] = list(table.index)  # type: ignore[union-attr]
+        outcomes = [] if STATUS in columns else list(self.system.outcomes)
+        shown = [*self.system.inputs, SAFE_PROBABILITY, "marked_unsafe"]
+        require(columns, [TRIAL, *outcomes], [*result_names(self.system), *shown], "the table")
+        ids = []
+        for i, value in enumerate(columns.pop(TRIAL)):
+            if isinstance(value, bool) or int(value) != value:
+                raise TableError(f"row {i}: trial is {value!r}; expected the number of a trial")
+            ids.append(int(value))
+        return ids, {n: v for n, v in columns.items() if n not in (SAFE_PROBABILITY, "marked_unsafe")}
+
+    def _suggested(self, trials: Trials) -> pd.DataFrame:
+        import pandas as pd
+
+        table = pd.DataFrame(self._problem.codec.table(trials.x), index=pd.Index(trials.id, name=TRIAL))
+        table[SAFE_PROBABILITY] = trials.predicted_safe_probability
+        table["marked_unsafe"] = trials.marked_unsafe
+        return table
+
+
+def _check_same(path: str | Path, stored: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Raise StudyError that names the first part in which two descriptions differ."""
+    for key in [*stored, *given]:
+        if stored.get(key) != given.get(key):
+            raise StudyError(
+                f"{path}: {key} of the study's system is {_short(stored.get(key))}; "
+                f"expected {_short(given.get(key))}"
+            )
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 200 else text[:197] + "..."

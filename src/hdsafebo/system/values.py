@@ -1,0 +1,59 @@
+"""Checks of single values, with the name of what they belong to in every message."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from numbers import Real as RealNumber
+
+import numpy as np
+
+from hdsafebo.errors import HdSafeBOError
+from hdsafebo.system.errors import DescriptionError
+
+_LONGEST = 64
+_FORBIDDEN = set(",;\n\r\t\"'")
+
+
+def finite(value: object, what: str, error: type[HdSafeBOError] = DescriptionError) -> float:
+    """A finite number.
+
+    Raises:
+        HdSafeBOError: as `error`: it is none; truth values and texts are none either.
+    """
+    if isinstance(value, bool | np.bool_) or not isinstance(value, RealNumber):
+        raise error(f"{what} is {value!r}; expected a number")
+    number = float(value)
+    if not math.isfinite(number):
+        raise error(f"{what} is {number}; expected a finite number")
+    return number
+
+
+def check_name(name: object, what: str) -> None:
+    """Raise `DescriptionError` unless `name` can head a column of a table."""
+    if (
+        not isinstance(name, str)
+        or not 0 < len(name) <= _LONGEST
+        or name != name.strip()
+        or not name.isprintable()
+        or _FORBIDDEN & set(name)
+    ):
+        raise DescriptionError(
+            f"name of {what} is {name!r}; expected 1 to {_LONGEST} printable characters without commas, "
+            "semicolons, quotes or space at its ends"
+        )
+
+
+def check_distinct(names: Iterable[str], what: str) -> None:
+    """Raise `DescriptionError` when a name occurs twice."""
+    names = list(names)
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise DescriptionError(f"{what} share the names {', '.join(map(repr, twice))}; expected each once")
+
+
+def shown(values: Iterable[object], most: int = 8) -> str:
+    """The first of some values, for messages."""
+    values = list(values)
+    text = ", ".join(repr(v) for v in values[:most])
+    return text if len(values) <= most else f"{text} and {len(values) - most} more"

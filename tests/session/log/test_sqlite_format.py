@@ -1,0 +1,131 @@
+"""Sessions of the former SQLite format: converted with nothing lost, or refused by name."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdsafebo.session.errors import AuditError, SessionError
+from hdsafebo.session.log.sqlite_format import FILE_NAME
+from hdsafebo.session.session import Session
+from hdsafebo.session.views.audit import replay, verify_session
+from tests.session.small import approve_open, measured
+
+DATA = Path(__file__).parents[1] / "data"  # made by version 1 of the format: 27 entries each
+HEADS = {
+    "box": "bc015adfafd902b0dc3e77e7fee5e934e1c5191c41292424def645d3817212fd",
+    "list": "1455a5ce8eeff8ff1b7df2e4671636a638d2211e02a5bbe22d1437cf4b672f1a",
+}
+
+
+@pytest.fixture(params=["box", "list"])
+def former(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A session of the former format: decisions of all kinds, a pause, another target."""
+    return Path(shutil.copytree(DATA / request.param, tmp_path / request.param))
+
+
+def test_it_is_converted_with_nothing_lost(former: Path) -> None:
+    content = (former / FILE_NAME).read_bytes()
+    session = Session.open(former)
+    assert session.entries[-2].hash == HEADS[former.name]
+    assert [e.kind for e in session.entries].count("recorded") == 7
+    assert (session.entries[-1].kind, session.entries[-1].payload["entries"]) == ("converted", 27)
+    assert (former / f"{FILE_NAME}.converted").read_bytes() == content
+    assert not (former / FILE_NAME).exists()
+    assert verify_session(session, head=HEADS[former.name]).entries == 28
+    kept = session.cache.read()
+    assert kept is not None
+    assert kept[0] == session.entries[25].hash  # of the last suggestion: no fit has to be repeated
+    session.record("ann", measured(approve_open(session)))
+    session.record("ann", measured(session.approve("ann", session.suggest("ann").number)))
+    again = Session.open(former)
+    assert [e.hash for e in again.entries] == [e.hash for e in session.entries]
+    assert len(replay(again)) <= len(
+        again.state.suggestions
+    )  # on another computer they may come out otherwise
+
+
+def test_one_that_cannot_be_written_is_only_looked_at(former: Path) -> None:
+    session = Session.open(former, read_only=True)
+    assert session.entries[-2].hash == HEADS[former.name]
+    verify_session(session)
+    assert [p.name for p in former.iterdir()] == [FILE_NAME]
+    with pytest.raises(SessionError, match="cannot be written"):
+        session.note("ann", "no")
+
+
+def test_what_a_killed_program_left_in_the_write_ahead_log_is_converted_or_said_to_be_damaged(
+    tmp_path: Path,
+) -> None:
+    """One flipped byte used to drop acknowledged entries in silence."""
+    shutil.copytree(DATA / "box", tmp_path / "work")
+    database = sqlite3.connect(tmp_path / "work" / FILE_NAME)
+    database.execute("PRAGMA journal_mode = WAL")
+    database.execute("PRAGMA wal_autocheckpoint = 0")
+    rows = database.execute("SELECT seq, line, hash FROM log ORDER BY seq").fetchall()
+    database.execute("DROP TRIGGER log_stays")
+    database.execute("DELETE FROM log WHERE seq > 3")
+    database.execute(
+        "CREATE TRIGGER log_stays BEFORE DELETE ON log BEGIN "
+        "SELECT RAISE(ABORT, 'the log is append-only'); END"
+    )
+    database.commit()
+    for row in rows[3:]:
+        database.execute("INSERT INTO log VALUES (?, ?, ?)", row)
+        database.commit()
+    killed = tmp_path / "killed"
+    shutil.copytree(tmp_path / "work", killed, ignore=shutil.ignore_patterns("*-shm"))
+    database.close()
+    wal = (killed / f"{FILE_NAME}-wal").read_bytes()
+    assert len(wal) > 24 * 4096
+    rng = np.random.default_rng(0)
+    noticed = 0
+    for number in range(40):
+        copy = Path(shutil.copytree(killed, tmp_path / f"copy{number}"))
+        if number:
+            bad = bytearray(wal)
+            bad[rng.integers(len(bad))] ^= int(rng.integers(1, 256))
+            (copy / f"{FILE_NAME}-wal").write_bytes(bytes(bad))
+        try:
+            session = Session.open(copy)
+            assert [e.hash for e in session.entries[:-1]] == [h for _, _, h in rows]
+        except AuditError:
+            assert not (copy / "original" / "audit.log").exists()
+            noticed += 1
+    assert noticed > 25
+
+
+@pytest.mark.parametrize("content", [b"", b"not a database", b"SQLite format 3\x00" + bytes(4000)])
+def test_foreign_databases_are_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / FILE_NAME).write_bytes(content)
+    with pytest.raises(SessionError, match=FILE_NAME):
+        Session.open(tmp_path)
+
+
+def test_a_view_in_the_place_of_the_log_is_not_computed(tmp_path: Path) -> None:
+    database = sqlite3.connect(tmp_path / FILE_NAME)
+    database.executescript(
+        "PRAGMA application_id = 1212437314; PRAGMA user_version = 1;"
+        "CREATE VIEW log AS WITH RECURSIVE n(seq) AS (SELECT 1 UNION ALL SELECT seq + 1 FROM n) "
+        "SELECT seq, CAST('x' AS BLOB) AS line, 'x' AS hash FROM n;"
+    )
+    database.close()
+    with pytest.raises(SessionError, match="no session of the former format"):
+        Session.open(tmp_path)
+
+
+def test_a_changed_entry_is_named(former: Path) -> None:
+    database = sqlite3.connect(former / FILE_NAME)
+    trigger = database.execute("SELECT sql FROM sqlite_master WHERE name = 'log_keeps'").fetchone()[0]
+    database.execute("DROP TRIGGER log_keeps")
+    line = database.execute("SELECT line FROM log WHERE seq = 3").fetchone()[0]
+    database.execute("UPDATE log SET line = ? WHERE seq = 3", (line.replace(b"ann", b"bob"),))
+    database.execute(trigger)
+    database.commit()
+    database.close()
+    with pytest.raises(AuditError, match="entry 3: was changed"):
+        Session.open(former)

@@ -1,0 +1,144 @@
+"""STOP: obeyed at once, whatever is said, whoever holds the log, and never lost."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hdsafebo.session.errors import ProtocolError, StoppedError
+from hdsafebo.session.log.stops import PREFIX, pending, press
+from hdsafebo.session.log.store import Store, utc_now
+from hdsafebo.session.session import Session
+from hdsafebo.session.views.audit import verify_session
+from tests.session.small import approve_open, measured
+
+Make = Callable[..., Session]
+
+
+@pytest.mark.parametrize("who", ["", "  ", "x" * 101, "a\x00b", "a\u202eb", "\ud800", None, 7, ["x"]])
+@pytest.mark.parametrize("reason", ["", "y" * 5000, "a\x00b\x9b", "\ud800", None, {"a": 1}])
+def test_no_text_is_refused(make_session: Make, who: object, reason: object) -> None:
+    session = make_session()
+    assert session.stop(who, reason)  # type: ignore[arg-type]
+    assert session.stopped
+    stopped = session.entries[-1]
+    assert stopped.kind == "stopped"
+    assert stopped.who
+    assert len(stopped.who) <= 100
+    verify_session(Session.open(session.store.directory))
+
+
+def test_a_stop_is_obeyed_while_another_program_holds_the_log(make_session: Make) -> None:
+    session, other = make_session(), None
+    session.suggest("ann")
+    with (session.store.directory / "lock").open("r+b") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert not session.stop("ann", "it hurts")  # not in the log yet, and obeyed
+        assert session.stopped == "it hurts"
+        other = Session.open(session.store.directory)
+        assert other.stopped == "it hurts"
+        for step in (
+            lambda: other.approve("bob", 1),
+            lambda: other.manual("bob", {"values": [0.5, 0.5, 0.0]}),
+            lambda: other.resume("bob"),
+        ):
+            with pytest.raises(StoppedError, match="it hurts"):
+                step()
+    with pytest.raises(ProtocolError, match="stopped"):
+        other.approve("bob", 1)
+    assert [e.kind for e in other.entries] == ["created", "suggested", "stopped"]
+    assert (other.entries[-1].who, other.entries[-1].payload["reason"]) == ("ann", "it hurts")
+    assert pending(session.store.directory) == []
+    other.resume("bob")
+    other.approve("bob", other.suggest("bob").number)
+
+
+def test_a_stop_while_a_trial_is_being_approved_says_that_it_must_not_be_delivered(
+    make_session: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = make_session()
+    session.suggest("ann")
+    append = Store.append
+
+    def append_and_stop(store: Store, *arguments: object) -> None:
+        append(store, *arguments)  # type: ignore[arg-type]
+        if arguments[2] == "approved":
+            press(store.directory, "bob", "now", utc_now())
+
+    monkeypatch.setattr(Store, "append", append_and_stop)
+    with pytest.raises(StoppedError, match="do not deliver trial 9"):
+        approve_open(session)
+    assert session.stopped == "now"
+    session.not_delivered("ann", "stopped")
+    session.resume("ann")
+    assert session.suggest("ann").number == 2
+
+
+def test_a_stop_that_comes_before_the_step_keeps_it_out_of_the_log(
+    make_session: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = make_session()
+    session.suggest("ann")
+    append = Store.append
+
+    def stop_and_append(store: Store, *arguments: object) -> None:
+        press(store.directory, "bob", "now", utc_now())
+        append(store, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Store, "append", stop_and_append)
+    with pytest.raises(ProtocolError, match="stopped meanwhile"):
+        approve_open(session)
+    assert session.state.running is None
+
+
+def test_the_record_of_what_runs_is_taken_while_a_stop_waits(make_session: Make) -> None:
+    session = make_session()
+    session.suggest("ann")
+    trial = approve_open(session)
+    press(session.store.directory, "bob", "now", utc_now())
+    assert session.record("ann", measured(trial)).status == "completed"
+    assert [e.kind for e in session.entries[-2:]] == ["stopped", "recorded"]
+
+
+def test_a_stop_with_spoilt_words_is_a_stop(make_session: Make) -> None:
+    session = make_session()
+    for number, content in enumerate((b"", b"x", bytes(100), b'{"who": 1}')):
+        (session.store.directory / f"{PREFIX}{number}").write_bytes(content)
+        session.refresh()
+        assert session.stopped == "stop (its words were damaged)"
+        session.resume("ann")
+
+
+def test_a_full_disk_stops_none_the_less(make_session: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = make_session()
+
+    def full(*arguments: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        for name in ("write", "pwrite"):
+            patch.setattr(os, name, full)
+        assert not session.stop("ann", "it hurts")
+        assert session.stopped is not None
+        with pytest.raises(StoppedError):
+            session.manual("ann", {"values": [0.5, 0.5, 0.0]})
+    session.refresh()
+    assert session.entries[-1].kind == "stopped"
+
+
+def test_many_stops_are_resumed_once(make_session: Make) -> None:
+    session = make_session()
+    for number in range(5):
+        session.stop(f"p{number}", "again")
+    assert [e.who for e in session.entries if e.kind == "stopped"] == [f"p{n}" for n in range(5)]
+    session.resume("ann")
+    assert session.stopped is None
+
+
+def test_where_no_session_is_nothing_can_be_stopped(tmp_path: Path) -> None:
+    with pytest.raises(Exception, match="the stop cannot be kept"):
+        press(tmp_path / "none", "ann", "now", utc_now())

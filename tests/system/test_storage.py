@@ -1,0 +1,162 @@
+"""A study's folder: resumed to the bit, shared by processes, and whole after every kill."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from hdsafebo import Limit, Study
+from hdsafebo.errors import ParamsError
+from hdsafebo.system.errors import StudyError
+from system.small import box_starts, box_system, mixed_starts, mixed_system, run_box, run_mixed
+
+_WORKER = """
+import sys
+from system.small import run_box
+from hdsafebo import Study
+study = Study.open(sys.argv[1])
+print("ready", flush=True)
+for _ in range(int(sys.argv[2])):
+    suggestion = study.ask()
+    print("asked", suggestion.trial, flush=True)
+    study.tell(suggestion, run_box(suggestion.setting))
+    print("told", suggestion.trial, flush=True)
+"""
+
+
+def start(folder: Path, count: int, root: Path) -> subprocess.Popen[str]:
+    environment = os.environ | {"PYTHONPATH": f"{root / 'src'}:{root / 'tests'}"}
+    return subprocess.Popen(
+        [sys.executable, "-c", _WORKER, str(folder), str(count)],
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def begun(folder: Path) -> Study:
+    study = Study.open(folder, box_system(), alpha=0.95, seed=1)
+    study.observe(box_starts())
+    return study
+
+
+def test_goes_on_as_if_nothing_had_happened(tmp_path: Path) -> None:
+    apart, together = (Study.open(tmp_path / n, mixed_system(), alpha=0.95) for n in ("apart", "together"))
+    for study in (apart, together):
+        study.observe(mixed_starts())
+    for number in range(6):
+        apart = Study.open(tmp_path / "apart")
+        for study in (apart, together):
+            suggestion = study.ask(context={"load": 1.0})
+            if number == 3:
+                study.tell(suggestion, failed=True)
+            else:
+                study.tell(suggestion, run_mixed(suggestion.setting, suggestion.context))
+    pd.testing.assert_frame_equal(apart.to_dataframe(), together.to_dataframe())
+    memory = Study(mixed_system(), alpha=0.95)
+    memory.observe(mixed_starts())
+    first = memory.ask(context={"load": 1.0})
+    assert first.setting == {k: v for k, v in apart.to_dataframe().loc[20].items() if k in first.setting}
+
+
+def test_two_handles_take_turns(tmp_path: Path) -> None:
+    one = begun(tmp_path / "s")
+    other = Study.open(tmp_path / "s")
+    first, second = one.ask(), other.ask()
+    assert (first.trial, second.trial) == (8, 9)
+    other.tell(first.trial, run_box(first.setting))
+    one.tell(second.trial, run_box(second.setting))
+    pd.testing.assert_frame_equal(one.to_dataframe(), other.to_dataframe())
+
+
+def test_processes_share_a_study(tmp_path: Path, project_root: Path) -> None:
+    begun(tmp_path / "s")
+    workers = [start(tmp_path / "s", 4, project_root) for _ in range(3)]
+    told = [
+        line.split()[1]
+        for worker in workers
+        for line in worker.communicate(timeout=300)[0].splitlines()
+        if "told" in line
+    ]
+    assert all(worker.returncode == 0 for worker in workers)
+    table = Study.open(tmp_path / "s").to_dataframe()
+    assert sorted(map(int, told)) == list(range(8, 20))
+    assert (table["status"] == "completed").all()
+    assert len(table[["a", "b"]].drop_duplicates()) == len(table)
+
+
+def test_nothing_acknowledged_is_lost_when_a_process_is_killed(tmp_path: Path, project_root: Path) -> None:
+    begun(tmp_path / "s")
+    acknowledged: set[int] = set()
+    for attempt in range(4):
+        worker = start(tmp_path / "s", 1000, project_root)
+        assert worker.stdout is not None
+        lines = [worker.stdout.readline().strip() for _ in range(2 + attempt)]  # ready, asked, told, ...
+        time.sleep(0.003 * attempt**2)
+        worker.send_signal(signal.SIGKILL)
+        lines += worker.communicate()[0].splitlines()
+        acknowledged |= {int(line.split()[1]) for line in lines if line.startswith("told ")}
+        table = Study.open(tmp_path / "s").to_dataframe()
+        assert set(table.index[table["status"] == "completed"]) >= acknowledged
+    assert acknowledged
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"method": "linebo"}, "method of the study is 'hdsafebo_local'; expected 'linebo'"),
+        ({"seed": 2}, "seed of the study is 1; expected 2"),
+        ({"alpha": 0.9}, "alpha of the study is 0.95; expected 0.9"),
+        ({"system": box_system(limits=[Limit("load", at_most=13)])}, "limits of the study's system"),
+        ({"system": box_system(name="other")}, "name of the study's system is 'box'; expected 'other'"),
+    ],
+)
+def test_another_study_is_refused(tmp_path: Path, arguments: dict, message: str) -> None:
+    begun(tmp_path / "s")
+    with pytest.raises(StudyError, match=message):
+        Study.open(tmp_path / "s", **arguments)
+
+
+def test_folders_that_are_no_study(tmp_path: Path) -> None:
+    with pytest.raises(StudyError, match="no study is there; pass the system"):
+        Study.open(tmp_path / "nothing")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(StudyError, match="is a file"):
+        Study.open(tmp_path / "file", box_system())
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").write_text("x")
+    with pytest.raises(StudyError, match="a folder with other files"):
+        Study.open(tmp_path / "full", box_system())
+    with pytest.raises(ParamsError):
+        Study.open(tmp_path / "new", box_system(), no_such_setting=1)
+    assert not (tmp_path / "new").exists(), "what cannot be begun leaves no folder"
+
+
+@pytest.mark.parametrize("name", ["system.json", "state"])
+def test_damage_is_named_and_nothing_is_overwritten(tmp_path: Path, name: str) -> None:
+    begun(tmp_path / "s")
+    path = tmp_path / "s" / name
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0x41
+    path.write_bytes(content if name == "state" else content[: len(content) // 2])
+    damaged = path.read_bytes()
+    with pytest.raises(StudyError, match=f"s/{name}|{name}"):
+        Study.open(tmp_path / "s").ask()
+    assert path.read_bytes() == damaged
+
+
+def test_csv(tmp_path: Path) -> None:
+    study = begun(tmp_path / "s")
+    study.to_csv(tmp_path / "trials.csv")
+    read = pd.read_csv(tmp_path / "trials.csv", index_col="trial")
+    pd.testing.assert_frame_equal(read, study.to_dataframe(), check_dtype=False)
+    other = Study(box_system())
+    other.observe(read[["a", "b", "gain", "load"]])
+    assert len(other) == len(study)
