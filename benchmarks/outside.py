@@ -1,6 +1,7 @@
 """Problems that others wrote (see `outside_problems`), by the public interface with every method's defaults.
 
-Every method gets the same initial data and is asked for batches of 5, 100 trials in all (150 in 30
+Every method marks what it does not believe safe, where it would otherwise abstain, so that runs are of equal
+length. It gets the same initial data and is asked for batches of 5, 100 trials in all (150 in 30
 dimensions). A trial is safe when its true slacks are at least 0. What is recorded of a run:
 
     best         best true objective of the safe trials, initial ones included, after every batch
@@ -35,6 +36,7 @@ from outside_botorch import QLogNei
 from outside_problems import NAMES, Outside, outside_problem
 
 from hdsafebo import make_optimizer
+from hdsafebo.optimizers.registry import method_class
 from hdsafebo.problem import FunctionProblem
 from hdsafebo.typing import FloatArray
 
@@ -64,11 +66,13 @@ def peer(method: str, problem: FunctionProblem, seed: int, x: FloatArray) -> tup
             return asked[-1]
 
         return ask, lambda f, g: botorch.tell(asked[-1], f, g), None
-    optimizer = make_optimizer(method, problem, seed=seed)
+    kind, _ = method_class(method)
+    marking = {"empty_safe_set": "mark"} if "empty_safe_set" in kind.Settings.model_fields else {}
+    optimizer = make_optimizer(method, problem, seed=seed, **marking)
     optimizer.observe(x, objective, slack, initial=True)
     return (
         lambda n: optimizer.ask(n).x,
-        lambda f, g: optimizer.tell(optimizer.trials[-BATCH:], f, g),
+        lambda f, g: optimizer.tell(optimizer.trials[-len(f) :], f, g),
         optimizer,
     )
 

@@ -61,6 +61,17 @@ def test_noise_is_found() -> None:
     assert deviation(smooth) < 0.01
 
 
+def test_known_noise_is_the_least() -> None:
+    x = points(60, 2)
+    smooth = np.sin(3 * x[:, 0]) + x[:, 1]
+    start = first_fit(2, warp_scales(smooth, 0.0))
+    fit, standard = fit_warped(x, smooth, 0.0, start, np.full(60, 0.05))
+    assert np.isinf(fit.warp_scale)
+    assert np.exp(fit.log_noise) >= 0.999 * (0.05 / standard.unit) ** 2
+    unknown, _ = fit_warped(x, smooth, 0.0, start, np.full(60, np.nan))
+    assert unknown.log_noise < fit.log_noise
+
+
 def test_hyperparameters_are_searched_when_the_data_have_grown() -> None:
     x = points(110, 2)
     y = np.sin(3 * x[:, 0]) + x[:, 1]

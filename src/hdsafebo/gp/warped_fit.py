@@ -104,6 +104,14 @@ class Standard:
         """Logarithm of the derivative of `apply`, summed over the (n,) outcomes."""
         return self.warp.log_jacobian(y) - len(y) * float(np.log(self.unit))
 
+    def variance(self, y: FloatArray, deviation: FloatArray) -> float:
+        """Median variance, as modelled, of (n,) outcomes with (n,) small deviations; NaN is left out."""
+        known = np.isfinite(deviation)
+        if not known.any():
+            return 0.0
+        slope = np.exp([self.warp.log_jacobian(y[[i]]) for i in np.flatnonzero(known)]) / self.unit
+        return float(np.median((deviation[known] * slope) ** 2))
+
 
 def correlation(squared: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Matern-5/2 at squared distances in length scales, and s: its gradient in x is -s (x - x')."""
@@ -124,7 +132,9 @@ def squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.maximum(squared, 0.0, out=squared)
 
 
-def fit_warped(x: FloatArray, y: FloatArray, centre: float, start: WarpedFit) -> tuple[WarpedFit, Standard]:
+def fit_warped(
+    x: FloatArray, y: FloatArray, centre: float, start: WarpedFit, noise: FloatArray | None = None
+) -> tuple[WarpedFit, Standard]:
     """Length scales, noise ratio and warp of greatest posterior density.
 
     Args:
@@ -132,12 +142,14 @@ def fit_warped(x: FloatArray, y: FloatArray, centre: float, start: WarpedFit) ->
         y: (n,) finite outcomes.
         centre: of the warp.
         start: of the last fit; see `first_fit`.
+        noise: (n,) known standard deviations of the outcomes, NaN where unknown; the noise ratio is not less
+            than their median says.
     """
     if start.fits and len(y) < _GROWTH * start.fitted_at:
         scale = start.warp_scale
         return replace(start, fits=start.fits + 1), Standard.of(y, Warp(centre, scale))
     thorough = start.fits == 0 or len(y) >= _THOROUGH_GROWTH * start.thorough_at
-    search = _Search(x, y, centre, start)
+    search = _Search(x, y, centre, start, np.full(len(y), np.nan) if noise is None else noise)
     begin = start.theta
     order = search.warps_by_density(begin)
     tried = order[: _TRIED if thorough else 1]
@@ -171,7 +183,9 @@ def first_fit(dimension: int, warp_scales: tuple[float, ...]) -> WarpedFit:
 class _Search:
     """Maximises the posterior density over length scales, noise ratio and warps."""
 
-    def __init__(self, x: FloatArray, y: FloatArray, centre: float, start: WarpedFit) -> None:
+    def __init__(
+        self, x: FloatArray, y: FloatArray, centre: float, start: WarpedFit, noise: FloatArray
+    ) -> None:
         self.x = x
         self.standards = {
             scale: Standard.of(y, Warp(centre, scale)) for scale in (np.inf, *start.warp_scales)
@@ -181,7 +195,11 @@ class _Search:
             scale: standard.log_jacobian(y) - (0.0 if np.isinf(scale) else _WARP_PRICE)
             for scale, standard in self.standards.items()
         }
-        self.bounds = [tuple(np.log(LENGTH_LIMITS))] * x.shape[1] + [tuple(np.log(_NOISE_LIMITS))]
+        self.least_noise = {
+            scale: np.clip(standard.variance(y, noise), *_NOISE_LIMITS)
+            for scale, standard in self.standards.items()
+        }
+        self.bounds = [tuple(np.log(LENGTH_LIMITS))] * x.shape[1]
         self.best_density = -np.inf
         self.best_theta, self.best_scale = start.theta, start.warp_scale
         if start.warp_scale not in self.standards:
@@ -206,8 +224,10 @@ class _Search:
     def improve(self, scale: float, begin: FloatArray, iterations: int) -> None:
         """Climb from `begin` under one warp; the best end of all climbs is kept."""
         target = self.targets[scale]
+        bounds = [*self.bounds, (np.log(self.least_noise[scale]), np.log(_NOISE_LIMITS[1]))]
+        begin = np.clip(begin, *np.array(bounds).T)
         found = minimize(
-            _loss, begin, (self.x, target), jac=True, method="L-BFGS-B", bounds=self.bounds,
+            _loss, begin, (self.x, target), jac=True, method="L-BFGS-B", bounds=bounds,
             options={"maxiter": iterations},
         )  # fmt: skip
         density = -float(found.fun) + self.worth[scale]

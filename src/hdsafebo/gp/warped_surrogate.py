@@ -146,6 +146,7 @@ def fit_warped_surrogate(
     *,
     best: float,
     start: WarpedState | None = None,
+    noise: FloatArray | None = None,
 ) -> WarpedSurrogate:
     """Fit all processes; nothing inflates their deviations.
 
@@ -156,6 +157,7 @@ def fit_warped_surrogate(
         thresholds: (m,) transformed thresholds: the centres of the safety functions' warps.
         best: value of the objective that its warp is centred at.
         start: of the last fit.
+        noise: (n, 1 + m) known standard deviations of objective and safety values, NaN where unknown.
 
     Raises:
         SurrogateError: a covariance cannot be factorised, or the inputs are not finite.
@@ -169,8 +171,9 @@ def fit_warped_surrogate(
         if start is None
         else [start.objective, *start.safety]
     )
+    known = np.full((len(inputs), len(columns)), np.nan) if noise is None else noise
     processes = [
-        WarpedProcess.of(inputs, y, *fit_warped(inputs, y, c, s))
-        for y, c, s in zip(columns, centres, starts, strict=True)
+        WarpedProcess.of(inputs, y, *fit_warped(inputs, y, c, s, sd))
+        for y, c, s, sd in zip(columns, centres, starts, known.T, strict=True)
     ]
     return WarpedSurrogate(processes[0], tuple(processes[1:]), thresholds, np.ones(len(thresholds)))

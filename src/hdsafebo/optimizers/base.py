@@ -143,7 +143,6 @@ class Optimizer(Knowledge[S]):
         """
         ids = self._ledger.ids_of(trials)
         results = check_results(self.problem, len(ids), objective, safety, status)
-        self._refuse_unused(noise)
         known = check_noise(self.problem, noise, len(ids))
         run = None if x is None else self._run_instead(ids, x)
         before = self._ledger.trials.status
@@ -184,7 +183,6 @@ class Optimizer(Knowledge[S]):
         """
         points = check_points("x", x, self.problem.bounds.shape[1])
         check_within(self.problem, points)
-        self._refuse_unused(noise)
         results = check_results(self.problem, len(points), objective, safety, status)
         trials = Trials.pending(
             points,
@@ -201,13 +199,6 @@ class Optimizer(Knowledge[S]):
         self._ledger.append(trials)
         self._fits.forget()
         return trials
-
-    def _refuse_unused(self, noise: ArrayLike | None) -> None:
-        if noise is not None and not self.takes_noise:
-            raise TrialError(
-                f"noise is given, but this search estimates it; set `noise` of {self.problem.name!r}, NaN "
-                "where unknown, for a search that uses what is known"
-            )
 
     # --- model, save and load
 

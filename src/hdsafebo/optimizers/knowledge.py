@@ -177,11 +177,6 @@ class Knowledge(ABC, Generic[S]):
     # --- what is promised
 
     @property
-    def takes_noise(self) -> bool:
-        """Whether noise that is known of single trials is used."""
-        return True
-
-    @property
     def confidence(self) -> float:
         """The beta of the safe set."""
         return self.promised_beta

@@ -143,7 +143,7 @@ def fit_trials(
         limits=LengthScaleLimits(settings.shortest_length_scale, settings.longest_length_scale),
         noise=noise,
         refine=refine,
-        known_noise=_known_noise(
+        known_noise=known_noise(
             problem, trials.noise[rows], np.array_equal(objective, trials.objective[rows])
         ),
     )
@@ -154,7 +154,7 @@ def fit_trials(
     return with_completion(surrogate, inputs, start)
 
 
-def _known_noise(problem: Problem, told: FloatArray, in_units: bool) -> FloatArray:
+def known_noise(problem: Problem, told: FloatArray, in_units: bool) -> FloatArray:
     """(n, 1 + m') known standard deviations of the objective and the modelled safety functions.
 
     Args:

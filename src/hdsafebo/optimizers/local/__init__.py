@@ -4,14 +4,14 @@
 |---|---|---|
 | a finite candidate set | Thompson sampling over regions of rows | `rows` |
 | a box with steps, choices, linear constraints or contexts | Thompson sampling over a pool | `pools` |
-| up to 100 inputs themselves, all in their own box | constrained ascents of warped models | `constrained` |
+| a box of up to 100 inputs, the inputs themselves | constrained ascents of warped models | `constrained` |
 | codes of an embedding, or through features | ascents of an isotropic model | `ascents` |
 | the same, where features hide directions | ascents and random steps | `hidden` |
 
-More inputs, `isotropic: true`, known noise and failures that teach are left to `ascents`. `optimizer` makes
-the search once and asks it; `base` says what every search provides. Single trials of `ascents` and `hidden`
-climb one top after another (`restarts`). The parts of `constrained` are `constrained_batch`,
-`constrained_ascent` and `expectations`; those of the others `caution`, `recombination` and `row_regions`.
-`settings` holds what can be set. A method with the same frame gives `base.SearchingOptimizer` a search of its
-own, as the sessions' shortlist does.
+More inputs, failures that teach, and `isotropic: true` are left to `ascents`. `optimizer` makes the search
+once and asks it; `base` says what every search provides. Single trials of `ascents` and `hidden` climb one
+top after another (`restarts`). The parts of `constrained` are `constrained_batch`, `constrained_ascent` and
+`expectations`; those of the others `caution`, `recombination` and `row_regions`. `settings` holds what can be
+set. A method with the same frame gives `base.SearchingOptimizer` a search of its own, as the sessions'
+shortlist does.
 """

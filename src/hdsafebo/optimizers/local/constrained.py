@@ -31,7 +31,7 @@ from hdsafebo.gp.surrogate import Beliefs, DistanceCache, modelled_safety, model
 from hdsafebo.gp.warped_surrogate import SAFETY, WarpedState, WarpedSurrogate, fit_warped_surrogate
 from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
-from hdsafebo.optimizers.core.fits import State
+from hdsafebo.optimizers.core.fits import State, known_noise
 from hdsafebo.optimizers.local.base import RegionSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.constrained_ascent import SafeMargins
 from hdsafebo.optimizers.local.constrained_batch import Batch, candidates_around
@@ -103,6 +103,7 @@ class ConstrainedSearch(RegionSearch):
             modelled_thresholds(functions),
             best=float(values.max()),
             start=start,
+            noise=known_noise(self.optimizer.problem, trials.noise, True),
         )
         return replace(surrogate, inflation=self.expectations.inflation(surrogate.safety))
 

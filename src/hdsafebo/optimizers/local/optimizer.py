@@ -37,23 +37,23 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
 
     def prepare(self) -> None:
         """Refuse settings of a part that the problem does not use."""
-        self._restarts: Restarts | None = None
         if self.settings.restarts is not None and (not self._continuous or self._searches_inputs()):
-            how = "searched without" if self._continuous else "no box of which every point can be run"
             raise ParamsError(
-                f"method {self.name!r}: setting 'restarts' is of searches through an embedding or features; "
-                f"{self.problem.name!r} is {how}"
+                f"method {self.name!r}: setting 'restarts' is of continuous spaces that are searched through "
+                f"an embedding or features; {self.problem.name!r} is searched without, or has a finite "
+                "candidate set, points that cannot be run, or contexts"
             )
+        self._restarts: Restarts | None = None
 
     def make_search(self) -> LocalSearch:
         """The one that suits the problem and the searched space."""
         if self.problem.candidates is not None:
             return RowSearch(self)
-        if self._searches_inputs():
-            return ConstrainedSearch(self)
         metric = self.metric
         if not self._continuous:
             return PoolSearch(self, metric)
+        if self._searches_inputs():
+            return ConstrainedSearch(self)
         search = HiddenSearch(self, metric) if metric.hides_directions else AscentSearch(self, metric)
         self._restarts = Restarts(search, self.settings.restarts or RestartSettings())
         return search
@@ -64,18 +64,13 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
         problem = self.problem
         return problem.candidates is None and not problem.lands and not problem.contexts
 
-    @property
-    def takes_noise(self) -> bool:
-        """False where the search estimates the noise itself; a problem with `noise` has another search."""
-        return not self._searches_inputs()
-
     def _searches_inputs(self) -> bool:
-        """Whether a length scale per input makes sense: inputs are the problem's own, and not too many."""
-        problem = self.problem
-        own = self._continuous and self.embedding is None and problem.features is None
-        plain = problem.noise is None and not problem.failures_teach
-        few = problem.bounds.shape[1] <= _MOST_INPUTS
-        return own and plain and few and not self.settings.isotropic
+        """Whether a length scale per input makes sense: inputs are the problem's own, and not too many.
+
+        Where failed trials teach, the model of failures is isotropic, and so are the others.
+        """
+        own = self.embedding is None and self.problem.features is None and not self.problem.failures_teach
+        return own and not self.settings.isotropic and self.space.dimension <= _MOST_INPUTS
 
     def propose(self, n: int) -> Proposal:
         """What the search proposes; a single trial may begin the next climb instead."""
