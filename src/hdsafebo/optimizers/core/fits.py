@@ -133,7 +133,6 @@ def fit_trials(
         cache: distances of earlier fits.
     """
     assert not isinstance(start, WarpedState), "the fits of a method are of one kind"
-    fitted = trials[rows]
     surrogate = fit_surrogate(
         inputs_of(rows),
         objective,
