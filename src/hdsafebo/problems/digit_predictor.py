@@ -90,7 +90,7 @@ class DigitPredictor:
         if margin > 0:
             with torch.no_grad():
                 for weight in self._network[-1].parameters():
-                    weight *= MEDIAN_MARGIN / margin
+                    weight.mul_(MEDIAN_MARGIN / margin)
 
     def logits(self, pixels: FloatArray) -> FloatArray:
         """(n, 10) outputs before the softmax of (n, side * side) images."""

@@ -75,7 +75,7 @@ class StimulationSet:
 
     @cached_property
     def identifying(self) -> FloatArray:
-        """(21800 K, 1) random sums of the rows' maps: they tell this set from others without features."""
+        """(21800 K, 1) random sums of the rows' maps, which tell this set from another."""
         weights = np.random.default_rng(0).uniform(0.5, 1.0, self.unit.shape[1])
         return np.asarray((self.unit @ weights)[:, None] * self.currents_ma).reshape(-1, 1)
 

@@ -49,7 +49,7 @@ class Ars(Optimizer[ArsSettings]):
     Settings = ArsSettings
 
     def prepare(self) -> None:
-        """No policy yet."""
+        """No policy before the first round."""
         self._policy: FloatArray | None = None
 
     def propose(self, n: int) -> Proposal:
