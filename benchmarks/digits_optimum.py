@@ -129,8 +129,7 @@ def main() -> None:
     embedding = load_embedding(ROOT / EMBEDDING_FILE, input_dim=data.pixels.shape[1])
     codes = embedding.encode(data.pixels)
     problems = [
-        make_task(f"digits_{digit}", params, method="hdsafebo_local", seed=0, root=ROOT).problem
-        for digit in range(10)
+        make_task(f"digits_{digit}_informed", params, seed=0, root=ROOT).problem for digit in range(10)
     ]
     found = {}
     for margin in MARGINS:

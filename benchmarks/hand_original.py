@@ -129,9 +129,9 @@ def in_own_process(*arguments: Any) -> dict[str, Any]:
         return {"method": arguments[0], "exit": process.exitcode}
 
 
-def initial_policies(method: str) -> tuple[Problem, Trials]:
-    """The task as a method meets it, and its initial policies with their results."""
-    task = make_task("hand", load_params(ROOT / "params.yaml"), method=method, seed=SEED, root=ROOT)
+def initial_policies() -> tuple[Problem, Trials]:
+    """The task in its informed setting, and its initial policies with their results."""
+    task = make_task("hand_informed", load_params(ROOT / "params.yaml"), seed=SEED, root=ROOT)
     x, candidate = task.problem.initial(INITIAL, np.random.default_rng(SEED))
     trials = Trials.pending(x, x, len(task.problem.safety), candidate=candidate)
     return task.problem, trials.with_results(task.problem.evaluate(trials))
@@ -148,13 +148,12 @@ def main() -> None:
     )
     parser.add_argument("--write", action="store_true", help=f"keep the numbers in {OUT.relative_to(ROOT)}")
     arguments = parser.parse_args()
-    met = {local: initial_policies(f"hdsafebo{local}") for local in ("", "_local")}
+    met = initial_policies()
     columns = ("round_s", "round_worst_s", "peak_mb", "safety", "best_initial", "best")
     print(f"{'method':26s}" + "".join(f"{c:>14s}" for c in columns), flush=True)
     rows = {}
     for method in arguments.methods:
-        local = "_local" if method.startswith("hdsafebo_local") else ""
-        row = rows[method] = in_own_process(method, *met[local], arguments.trials)
+        row = rows[method] = in_own_process(method, *met, arguments.trials)
         if "exit" in row:
             print(f"{method:26s} ended with exit code {row['exit']}", flush=True)
             continue

@@ -45,8 +45,12 @@ def main(stage: Stage) -> None:
 
 
 def _choose(stage: Stage) -> list[BestTrial]:
-    """Best trials of both variants of HdSafeBO, and of the other method that is best in the mean."""
-    paths = [stage.root / f"data/runs/hand-{method}.parquet" for method in stage.params.tasks.hand.methods]
+    """Best trials of both variants of HdSafeBO, and of the other method that is best in the mean.
+
+    All of one setting: the last that the parameters name.
+    """
+    hand = stage.params.tasks.hand
+    paths = [stage.root / f"data/runs/{hand.tasks[-1]}-{method}.parquet" for method in hand.methods]
     found = {trial.method: trial for path in paths if (trial := best_trial(path)) is not None}
     first = [found[method] for method in FIRST if method in found]
     others = sorted(

@@ -16,6 +16,7 @@ from hdsafebo.spinal.figures import save_figure, selectivity_figure
 from hdsafebo.spinal.finite_elements.lead_field import LeadField
 from hdsafebo.spinal.geometry.anatomy import Anatomy
 from hdsafebo.spinal.muscles import districts
+from hdsafebo.spinal.summary import selectivity_summary
 from hdsafebo.spinal.traversal import traverse
 
 
@@ -48,6 +49,9 @@ def main(stage: Stage) -> None:
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "file_mb": path.stat().st_size / 1e6,
     }
+    write_json(
+        stage.path("data/spinal/selectivity.json"), selectivity_summary(table, settings.safety_threshold)
+    )
     write_json(stage.path("data/spinal/traversal.json"), summary)
     stage.log_metrics(summary)
 

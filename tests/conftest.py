@@ -1,4 +1,4 @@
-"""Shared by all tests: one BLAS thread, and the project's root."""
+"""Shared by all tests: one BLAS thread, arrays of the shapes that are named, and the project's root."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 from pathlib import Path  # noqa: E402  (the thread limits must be set before numpy is imported)
 
 import pytest  # noqa: E402
+from shapes import check_shapes  # noqa: E402
+
+check_shapes()
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -145,7 +145,7 @@ def test_any_environment_is_searched_and_filmed(
     project_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     example = load(project_root, "any_environment")
-    arguments = ["Pendulum-v1", "--steps", "30", "--least-steps", "30", "--initial", "8", "--trials", "12"]
+    arguments = ["Pendulum-v1", "--steps", "30", "--least-steps", "20", "--initial", "8", "--trials", "12"]
     example.main([*arguments, "--out", str(tmp_path)])
     said = capsys.readouterr().out
     assert "Pendulum-v1: 4 weights" in said

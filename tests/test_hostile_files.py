@@ -153,7 +153,7 @@ def _sparse(path: Path) -> None:
 BOMBS: list[tuple[str, str, Callable[[Path], None], str]] = [
     ("distances", "", _rows_bomb, "60000000 cells, expected at most 50000000"),
     ("learning curve", "", _text_bomb, "100000000000 bytes of text, expected at most 1073741824"),
-    ("initial parquet", "", _trials_bomb, "6000000 cells, expected at most 5000000"),
+    ("initial parquet", "", _trials_bomb, "6000000 cells, expected at most 4000000"),
     ("optimiser state", "", _tensor_bomb, "not the state of an optimiser"),
     ("optimiser state", "", _header_bomb, "not the state of an optimiser"),
     ("optimiser state", "", _sparse, "1099511627776 bytes; expected at most"),

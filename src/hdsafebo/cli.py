@@ -61,8 +61,23 @@ def _parser() -> argparse.ArgumentParser:
 
     add_session_parser(commands)
 
+    report = commands.add_parser("report", help="build the report from kept evidence; no optimiser runs")
+    report.add_argument(
+        "--from",
+        dest="evidence",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder of the evidence, such as reports/reference",
+    )
+    report.add_argument("--to", type=Path, metavar="DIR", help="folder of the report (default: the same)")
+    report.set_defaults(run=_report)
+
+    departures = commands.add_parser("departures", help="print docs/departures.md")
+    departures.set_defaults(run=_departures)
+
     keep = commands.add_parser(
-        "keep-reference", help="copy the report into reports/reference, stamped with the revision"
+        "keep-reference", help="keep the evidence of all runs in reports/reference, and its report"
     )
     keep.set_defaults(run=_keep_reference)
     return parser
@@ -89,6 +104,20 @@ def _methods(arguments: argparse.Namespace) -> None:
     print("\n".join(method_names()))
 
 
+def _report(arguments: argparse.Namespace) -> None:
+    from hdsafebo.report.reference import report_from
+
+    output = arguments.to or arguments.evidence
+    report_from(arguments.evidence, output)
+    print(f"{output / 'index.html'}")
+
+
+def _departures(arguments: argparse.Namespace) -> None:
+    from hdsafebo.report.sections.departures import departures_markdown
+
+    print(departures_markdown(), end="")
+
+
 def _mlflow(arguments: argparse.Namespace) -> None:
     import os
 
@@ -104,7 +133,7 @@ def _mlflow(arguments: argparse.Namespace) -> None:
 
 
 def _keep_reference(arguments: argparse.Namespace) -> None:
-    from hdsafebo.report.data.reference import keep_reference
+    from hdsafebo.report.reference import keep_reference
 
     print(f"kept in {keep_reference(arguments.root)}")
 

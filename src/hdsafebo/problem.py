@@ -72,6 +72,7 @@ class Safety:
             )
 
 
+@runtime_checkable
 class Codec(Protocol):
     """What an optimiser needs of an embedding."""
 
@@ -100,6 +101,9 @@ class LinearCodec(Codec, Protocol):
 
 class CandidateSet(Protocol):
     """A finite set of inputs, the only ones that can be evaluated."""
+
+    def __len__(self) -> int:
+        """N, number of candidates; asking for it builds no features."""
 
     @property
     def features(self) -> FloatArray:
@@ -188,7 +192,7 @@ class Problem(ABC):
     def initial(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
         """Inputs of the initial trials: (n, D) points and their (n,) candidate rows (-1 without a set)."""
         if self.candidates is not None:
-            rows = rng.choice(len(self.candidates.features), n, replace=False)
+            rows = rng.choice(len(self.candidates), n, replace=False)
             return self.candidates.inputs(rows), rows
         return rng.uniform(self.bounds[0], self.bounds[1], (n, self.bounds.shape[1])), np.full(n, -1)
 

@@ -47,6 +47,26 @@ class Evaluation:
         return np.where(failed, np.uint8(Status.FAILED), np.uint8(Status.COMPLETED))
 
 
+@dataclass(frozen=True)
+class Trial:
+    """One trial: a row of `Trials`, numbers instead of columns."""
+
+    id: int
+    x: FloatArray
+    z: FloatArray
+    candidate: int
+    objective: float
+    safety: FloatArray
+    status: Status
+    initial: bool
+    round: int
+    predicted_safe_probability: float
+    violation_bound: float
+    trust_region_length: float
+    marked_unsafe: bool
+    noise: FloatArray
+
+
 @dataclass(frozen=True, repr=False)
 class Trials:
     """A table of n trials, one array per column.
@@ -113,6 +133,12 @@ class Trials:
         """The sub-table of the given rows (a mask, a slice or row numbers)."""
         columns = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "z"}
         return Trials(**columns, z=columns["x"] if self.z is self.x else self.z[rows])
+
+    def one(self, row: int) -> Trial:
+        """The trial of a row."""
+        values = {f.name: getattr(self, f.name)[row] for f in fields(self)}
+        plain = {name: value.item() for name, value in values.items() if value.ndim == 0}
+        return Trial(**(values | plain | {"status": Status(int(values["status"]))}))
 
     def append(self, other: Trials) -> Trials:
         """This table followed by `other`; both have the same D, d and m."""

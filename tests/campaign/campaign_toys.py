@@ -102,7 +102,7 @@ class Lonely(Toy):
         super().__init__(problem, **(options | {"bounds": [[-1.0] * 3, [1.0] * 3]}))
 
 
-def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) -> tasks.Task:
+def make_task(name: str, params: Params, *, seed: int, root: Path) -> tasks.Task:
     """The toy task; `length_scale` stands for the seconds of an evaluation."""
     problem = Memory(seed, params.tasks.synthetic.problem.length_scale)
     return tasks.Task(problem, lambda x: Half(), inputs=("data/input.txt",))

@@ -15,7 +15,7 @@ from hdsafebo.optimizers.registry import METHODS
 from hdsafebo.runs.schema import TIMES
 
 FAST = ("hdsafebo", "hdsafebo_local", "sobol")
-ON_FINITE_SETS = ("random_lowest",)
+ON_FINITE_SETS = ("random_lowest", "thompson_rows")
 
 
 class Cut(Exception):

@@ -124,7 +124,7 @@ def test_pending_trials_do_not_enter_the_fit(optimizer: HdSafeBO) -> None:
 
 def test_pending_candidates_are_not_proposed_again() -> None:
     problem = rows_problem(60)
-    made = HdSafeBO(problem)
+    made = HdSafeBO(problem, empty_safe_set="mark")
     observe_initial(made, 20)
     seen = made.trials.candidate.tolist()
     elsewhere = Trials.pending(

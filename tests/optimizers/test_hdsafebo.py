@@ -44,7 +44,7 @@ def test_line_6_box_around_the_best_safe_point(
 
 
 def test_line_6_in_length_scales(monkeypatch: pytest.MonkeyPatch) -> None:
-    optimizer = made_with(length_initial=0.2)
+    optimizer = made_with(length_initial=0.2, unit="length_scale")
     (lower, upper), *_ = drawn(optimizer, monkeypatch)
     inside = (lower > 0) & (upper < 1)
     assert inside.any()
@@ -110,7 +110,7 @@ def test_line_13_success(rule: str, objective, safety, status, success: bool) ->
 
 
 def test_first_safe_point_is_an_improvement() -> None:
-    optimizer = HdSafeBO(bowl_problem(threshold=10.0), batch_success="improved")
+    optimizer = HdSafeBO(bowl_problem(threshold=10.0), batch_success="improved", empty_safe_set="mark")
     observe_initial(optimizer)
     trials = optimizer.ask(1)
     optimizer.tell(trials, [-5.0], [11.0])

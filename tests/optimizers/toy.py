@@ -29,6 +29,9 @@ class Rows:
     def __init__(self, points: FloatArray) -> None:
         self.features = points
 
+    def __len__(self) -> int:
+        return len(self.features)
+
     def inputs(self, rows: IntArray) -> FloatArray:
         """Points of the rows."""
         return self.features[rows]

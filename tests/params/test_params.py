@@ -52,7 +52,7 @@ def set_key(data: dict, key: str, value: object) -> dict:
         ("tasks.synthetic.problem.effective_dimension", 60, "effective_dimension <= latent_dimension"),
         ("tasks.synthetic.problem.colour", 1, "unknown key"),
         ("tasks.synthetic.methods", ["no_such_method"], "has no block under methods"),
-        ("tasks.scs.tasks", ["scs_biceps"], "scs_il"),
+        ("tasks.scs.tasks", ["scs_biceps"], "^scs_(il|vlrf|ta|bfgm|st|ga)"),
         (
             "methods.no_such_method",
             {},

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import DatasetError, EmbeddingTrainingError
+from hdsafebo.params import Digits
 from hdsafebo.params.tasks import DigitsProblem
 from hdsafebo.problems.digit_images import load_digit_images, read_idx
 from hdsafebo.problems.digit_predictor import DigitPredictor
@@ -101,15 +102,15 @@ def test_hostile_predictor_files(tmp_path: Path, content: bytes) -> None:
 
 def test_probability_is_the_softmax(predictor: DigitPredictor) -> None:
     pixels = load_digit_images("sklearn").pixels[:20]
-    logits = predictor.logits(pixels)
-    expected = np.exp(logits[:, 3] / 2.0) / np.exp(logits / 2.0).sum(axis=1)
-    np.testing.assert_allclose(predictor.probability(pixels, 3, 2.0), expected, rtol=1e-12)
-    np.testing.assert_allclose(sum(predictor.probability(pixels, d, 2.0) for d in range(10)), 1.0)
+    logits = predictor.logits(pixels) / 200.0
+    expected = np.exp(logits[:, 3]) / np.exp(logits).sum(axis=1)
+    np.testing.assert_allclose(predictor.probability(pixels, 3, 200.0), expected, rtol=1e-12)
+    np.testing.assert_allclose(sum(predictor.probability(pixels, d, 200.0) for d in range(10)), 1.0)
 
 
 def test_objective_is_normalised_by_the_best_valid_image(predictor: DigitPredictor) -> None:
     images = load_digit_images("sklearn")
-    problem = ThickDigit(4, images, predictor, temperature=2.0, threshold=0.5)
+    problem = ThickDigit(4, images, predictor, temperature=200.0, threshold=0.5)
     x, candidate = problem.initial(len(problem.images), np.random.default_rng(0))
     assert (candidate == -1).all()
     assert len(np.unique(x, axis=0)) == len(np.unique(problem.images, axis=0))
@@ -122,8 +123,8 @@ def test_objective_is_normalised_by_the_best_valid_image(predictor: DigitPredict
 
 def test_initial_trials_are_what_the_searched_space_shows(predictor: DigitPredictor) -> None:
     images = load_digit_images("sklearn")
-    plain = ThickDigit(4, images, predictor, temperature=2.0, threshold=0.5)
-    dimmed = ThickDigit(4, images, predictor, temperature=2.0, threshold=0.5, shown=lambda x: 0.5 * x)
+    plain = ThickDigit(4, images, predictor, temperature=200.0, threshold=0.5)
+    dimmed = ThickDigit(4, images, predictor, temperature=200.0, threshold=0.5, shown=lambda x: 0.5 * x)
     x, _ = plain.initial(20, np.random.default_rng(3))
     shown, candidate = dimmed.initial(20, np.random.default_rng(3))
     np.testing.assert_array_equal(shown, 0.5 * x)
@@ -133,7 +134,7 @@ def test_initial_trials_are_what_the_searched_space_shows(predictor: DigitPredic
 
 def test_log_odds_keep_the_order_and_the_threshold(predictor: DigitPredictor) -> None:
     images = load_digit_images("sklearn")
-    problem = ThickDigit(4, images, predictor, temperature=2.0, threshold=0.5, log_odds=True)
+    problem = ThickDigit(4, images, predictor, temperature=200.0, threshold=0.5, log_odds=True)
     transform = problem.safety[0].transform
     assert transform is not None
     p = np.array([0.0, 1e-3, 0.5, 0.9, 1.0])
@@ -143,13 +144,22 @@ def test_log_odds_keep_the_order_and_the_threshold(predictor: DigitPredictor) ->
     assert problem.is_safe(problem.evaluate(Trials.pending(problem.images, problem.images, 1)).safety).any()
 
 
-def test_the_temperature_keeps_images_valid_and_probabilities_apart(predictor: DigitPredictor) -> None:
+def test_the_papers_temperature_keeps_images_valid_and_probabilities_apart(predictor: DigitPredictor) -> None:
     images = load_digit_images("sklearn")
-    shown = images.pixels[images.labels == 0]
-    mild, plain, strong = (
-        predictor.probability(shown, 0, temperature)
-        for temperature in (DigitsProblem().temperature, 1.0, 200.0)
+    assert DigitsProblem().temperature == 200.0
+    warm, plain = (
+        np.concatenate(
+            [predictor.probability(images.pixels[images.labels == d], d, temperature) for d in range(10)]
+        )
+        for temperature in (200.0, 1.0)
     )
-    assert (mild >= 0.5).mean() > 0.9
-    assert (mild < 0.99).mean() > 0.9 > (plain < 0.99).mean()
-    assert not (strong >= 0.5).any()  # the paper's 200 belongs to outputs of another scale
+    assert (warm >= 0.5).mean() > 0.9
+    assert ((warm > 0.01) & (warm < 0.99)).mean() > 0.9
+    assert ((plain < 1e-6) | (plain > 1 - 1e-6)).mean() > 0.95
+
+
+def test_the_images_in_the_repository_are_mnists_test_images(project_root: Path) -> None:
+    images = load_digit_images("mnist", Digits().folder_path(project_root))
+    assert images.pixels.shape == (10_000, 784)
+    assert np.bincount(images.labels).tolist() == [980, 1135, 1032, 1010, 982, 892, 958, 1028, 974, 1009]
+    assert 0.0 == images.pixels.min() < images.pixels.max() == 1.0

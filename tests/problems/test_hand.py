@@ -55,7 +55,7 @@ def params() -> Params:
 
 @pytest.fixture(scope="module")
 def make(root: Path, params: Params) -> Callable[[str], Task]:
-    return lambda method: make_task("hand", params, method=method, seed=0, root=root)
+    return lambda name: make_task(name, params, seed=0, root=root)
 
 
 def problem_of(task: Task) -> HandPolicies:
@@ -64,7 +64,7 @@ def problem_of(task: Task) -> HandPolicies:
 
 
 def test_spaces_and_bounds(make: Callable[[str], Task]) -> None:
-    task = make("hdsafebo")
+    task = make("hand")
     problem = problem_of(task)
     check_problem(problem)
     assert problem.bounds.shape == (2, 43 * 55)
@@ -79,7 +79,7 @@ def test_spaces_and_bounds(make: Callable[[str], Task]) -> None:
 
 
 def test_codes_come_back_and_distances_stay(make: Callable[[str], Task]) -> None:
-    codec = problem_of(make("hdsafebo")).codec
+    codec = problem_of(make("hand")).codec
     z = np.random.default_rng(0).uniform(-3, 3, (4, 275))
     np.testing.assert_allclose(codec.encode(codec.decode(z)), z, atol=1e-12)
     gap = codec.decode(z[:1]) - codec.decode(z[1:2])
@@ -87,7 +87,7 @@ def test_codes_come_back_and_distances_stay(make: Callable[[str], Task]) -> None
 
 
 def test_evaluation_is_that_of_the_policy_over_synergies(make: Callable[[str], Task]) -> None:
-    problem = problem_of(make("hdsafebo"))
+    problem = problem_of(make("hand"))
     x, _ = problem.initial(4, np.random.default_rng(3))
     found = problem.evaluate(Trials.pending(x, x, 4))
     expected = evaluate_policies(SCENE, problem.space, x)
@@ -102,18 +102,18 @@ def test_evaluation_is_that_of_the_policy_over_synergies(make: Callable[[str], T
 
 
 def test_reported_safety_is_the_landing_speed(make: Callable[[str], Task]) -> None:
-    problem = make("hdsafebo").problem
+    problem = make("hand").problem
     values = np.array([[-4.39, -0.5, -5.0, -3.1], [-4.41, 1.0, 0.0, 0.1], [0.0, 1.0, -2.0, -0.2]])
     np.testing.assert_array_equal(problem.is_safe(values), [True, False, True])
     np.testing.assert_allclose(problem.violation(values), [0, 0.01, 0])
 
 
-def test_what_is_modelled_depends_on_the_method(make: Callable[[str], Task]) -> None:
-    def modelled(method: str) -> list[str]:
-        return [function.name for function in make(method).problem.safety if function.modelled]
+def test_what_is_modelled_depends_on_the_setting(make: Callable[[str], Task]) -> None:
+    def modelled(name: str) -> list[str]:
+        return [function.name for function in make(name).problem.safety if function.modelled]
 
-    assert modelled("hdsafebo") == modelled("scbo") == ["landing_speed"]
-    assert modelled("hdsafebo_local") == ["no_drop"]
+    assert modelled("hand") == ["landing_speed"]
+    assert modelled("hand_informed") == ["no_drop"]
     several = safety_functions(HandProblem(handling_limit=0.9), 4.4, ["no_drop", "handling_speed"])
     assert [(s.name, s.threshold, s.modelled) for s in several] == [
         ("landing_speed", -4.4, False),
@@ -123,9 +123,20 @@ def test_what_is_modelled_depends_on_the_method(make: Callable[[str], Task]) -> 
     ]
 
 
-def test_features_are_linear_and_only_for_the_local_method(make: Callable[[str], Task]) -> None:
-    assert make("hdsafebo").problem.features is None
-    features = make("hdsafebo_local").problem.features
+def test_what_is_given_is_what_is_said_to_be_given(make: Callable[[str], Task]) -> None:
+    paper, informed = make("hand"), make("hand_informed")
+    assert paper.knowledge.kernel_features is None
+    assert paper.knowledge.extra_trials is None
+    assert "landing_speed" in str(paper.knowledge.safety)
+    assert "12 main directions" in str(informed.knowledge.kernel_features)
+    assert "50 episodes" in str(informed.knowledge.extra_trials)
+    assert set(informed.inputs) - set(paper.inputs) == {module.MOMENT_FILE}
+    assert (paper.problem.name, informed.problem.name) == ("hand", "hand_informed")
+
+
+def test_features_are_linear_and_only_in_the_informed_setting(make: Callable[[str], Task]) -> None:
+    assert make("hand").problem.features is None
+    features = make("hand_informed").problem.features
     assert features is not None
     x = np.random.default_rng(0).standard_normal((2, 43 * 55))
     assert features(x).shape == (2, 43 * 12)
@@ -146,7 +157,7 @@ def test_no_initial_policy_ends_upright(make: Callable[[str], Task], monkeypatch
     """Draws that end upright, by a limit that half of these do, are replaced by the next ones."""
     from hdsafebo.hand import rollout
 
-    problem = problem_of(make("hdsafebo"))
+    problem = problem_of(make("hand"))
     drawn = problem.codec.decode(np.random.default_rng(5).uniform(-1, 1, (6, 275)))
     plain = evaluate_policies(SCENE, problem.space, drawn)
     monkeypatch.setattr(rollout, "UPRIGHT_TILT", float(np.median(plain.tilt[plain.in_hand])))
@@ -164,9 +175,9 @@ def test_no_initial_policy_ends_upright(make: Callable[[str], Task], monkeypatch
 def test_initial_policies_are_not_played_twice(
     make: Callable[[str], Task], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    problem = problem_of(make("hdsafebo"))
+    problem = problem_of(make("hand"))
     x, _ = problem.initial(3, np.random.default_rng(4))
-    anew = problem_of(make("hdsafebo")).evaluate(Trials.pending(x, x, 4))
+    anew = problem_of(make("hand")).evaluate(Trials.pending(x, x, 4))
     monkeypatch.setattr(module, "evaluate_policies", None)
     found = problem.evaluate(Trials.pending(x, x, 4))
     np.testing.assert_array_equal(found.objective, anew.objective)
@@ -180,7 +191,7 @@ def test_a_diverging_simulation_is_a_failed_trial(
     from hdsafebo.hand import simulation
 
     monkeypatch.setattr(simulation, "MAX_JOINT_SPEED", 0.1)
-    problem = make("hdsafebo").problem
+    problem = make("hand").problem
     x, _ = problem.initial(2, np.random.default_rng(0))
     trials = Trials.pending(x, x, 4).with_results(problem.evaluate(Trials.pending(x, x, 4)))
     assert (trials.status == Status.FAILED).all()
@@ -189,11 +200,11 @@ def test_a_diverging_simulation_is_a_failed_trial(
 
 
 def test_bad_input(make: Callable[[str], Task], params: Params, tmp_path: Path) -> None:
-    problem = make("hdsafebo").problem
+    problem = make("hand").problem
     with pytest.raises(HandModelError, match=r"expected \(n, 2365\): 43 x 55 weights"):
         problem.evaluate(Trials.pending(np.zeros((1, 3575)), np.zeros((1, 3575)), 4))
     with pytest.raises(HandModelError, match="cannot be read as synergies"):
-        make_task("hand", params, method="hdsafebo", seed=0, root=tmp_path)
+        make_task("hand", params, seed=0, root=tmp_path)
 
 
 def test_paper_size(root: Path) -> None:

@@ -57,8 +57,9 @@ def stage(tmp_path: Path) -> Stage:
     for method, (objective, safe) in RUNS.items():
         safety = [1.0 if known else -1.0 for known in (True, *safe)]
         trials = trial_table(0, [-9.0, *objective], safety, n_initial=1, batch=1)
-        write_run(tmp_path, "hand", method, [trials], n_initial=1, batch=1, z=z.tolist())
-    params = SimpleNamespace(hand=HAND, tasks=SimpleNamespace(hand=SimpleNamespace(methods=list(RUNS))))
+        write_run(tmp_path, "hand_informed", method, [trials], n_initial=1, batch=1, z=z.tolist())
+    task = SimpleNamespace(tasks=["hand", "hand_informed"], methods=list(RUNS))
+    params = SimpleNamespace(hand=HAND, tasks=SimpleNamespace(hand=task))
     tracker = Tracker("replay_policies", {}, tmp_path, enabled=False)
     return Stage("replay_policies", params, tmp_path, Namespace(), tracker)  # type: ignore[arg-type]
 

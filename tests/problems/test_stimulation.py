@@ -11,10 +11,12 @@ import pytest
 
 from hdsafebo.embeddings import make_embedding
 from hdsafebo.errors import DatasetError, EmbeddingFileError, UnknownNameError
+from hdsafebo.optimizers.registry import make_optimizer
 from hdsafebo.params import load_params
 from hdsafebo.problem import check_problem
 from hdsafebo.problems.stimulation import (
     DATASET_FILE,
+    ResponseCodec,
     SelectiveStimulation,
     StimulationSet,
     log_responses,
@@ -30,7 +32,7 @@ CURRENTS = np.geomspace(0.05, 5.0, 10)
 
 @pytest.fixture(scope="module")
 def rows() -> StimulationSet:
-    return StimulationSet.build(CURRENTS)
+    return StimulationSet(CURRENTS)
 
 
 @pytest.fixture(scope="module")
@@ -152,14 +154,71 @@ def test_a_task_refuses_an_unknown_muscle_and_an_embedding_of_other_maps(
 ) -> None:
     params = load_params(project_root / "params.yaml")
     with pytest.raises(UnknownNameError, match="unknown stimulation target 'soleus'; valid names: bfgm, ga"):
-        make_task("scs_soleus", params, method="sobol", seed=0, root=tmp_path)
+        make_task("scs_soleus", params, seed=0, root=tmp_path)
     (tmp_path / "data/spinal").mkdir(parents=True)
     pq.write_table(pa.table(table(values)), tmp_path / DATASET_FILE)
-    task = make_task("scs_st", params, method="sobol", seed=0, root=tmp_path)
-    (tmp_path / task.inputs[1]).parent.mkdir(parents=True)
     other = make_embedding("pca", latent_dim=2)
     other.fit(np.random.default_rng(0).standard_normal((30, 20)), rng=np.random.default_rng(0))
-    other.save(tmp_path / task.inputs[1])
-    assert task.embedding is not None
+    other.save(tmp_path / "models/embeddings/irvae.safetensors")
     with pytest.raises(EmbeddingFileError, match="input_dim is 20, expected 728"):
-        task.embedding(np.empty((0, PIXELS)))
+        make_task("scs_st", params, seed=0, root=tmp_path)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory, values: tuple[np.ndarray, np.ndarray]) -> Path:
+    """A project with a dataset of random values and an embedding of two principal components."""
+    directory = tmp_path_factory.mktemp("root")
+    (directory / "data/spinal").mkdir(parents=True)
+    pq.write_table(pa.table(table(values)), directory / DATASET_FILE)
+    maps = np.random.default_rng(0).uniform(size=(40, PIXELS))
+    embedding = make_embedding("pca", latent_dim=2).fit(maps, rng=np.random.default_rng(0))
+    embedding.save(directory / "models/embeddings/irvae.safetensors")
+    return directory
+
+
+def test_the_papers_setting_gives_codes_and_the_informed_one_responses(
+    root: Path, project_root: Path
+) -> None:
+    params = load_params(project_root / "params.yaml")
+    paper, informed = (make_task(name, params, seed=0, root=root) for name in ("scs_st", "scs_st_informed"))
+    assert (paper.problem.name, informed.problem.name) == ("scs_st", "scs_st_informed")
+    assert paper.problem.safety[0].transform is None
+    assert informed.problem.safety[0].transform is not None
+    assert paper.embedding is not None
+    assert paper.problem.candidates is not None
+    codec, some = paper.embedding(np.empty((0, PIXELS))), np.array([3, 70_000])
+    rows = paper.problem.candidates
+    few = np.array([5, 70])
+    optimizer = make_optimizer("linebo", paper.problem, embedding=codec, bounds=paper.latent_bounds)
+    told = paper.problem.selectivity[few], paper.problem.values[few]
+    optimizer.observe(rows.inputs(few), *told, candidate=few, initial=True)
+    optimizer.ask(1)
+    optimizer.save(root / "state")
+    assert "features" not in vars(rows), "only methods that choose among rows pay for their features"
+    np.testing.assert_allclose(rows.features[some], codec.encode(rows.inputs(some)))
+    assert informed.problem.candidates is not None
+    assert informed.problem.candidates.features.shape[1] == 84
+    assert "84 logarithms" in str(informed.knowledge.candidate_rows)
+    assert paper.knowledge.kernel_features is informed.knowledge.kernel_features is None
+
+
+def test_the_latent_box_is_that_of_the_training_points(root: Path, project_root: Path) -> None:
+    params = load_params(project_root / "params.yaml")
+    task = make_task("scs_st", params, seed=0, root=root)
+    maps = np.random.default_rng(0).uniform(size=(40, PIXELS))
+    assert task.embedding is not None
+    codes = task.embedding(np.empty((0, PIXELS))).encode(maps)
+    np.testing.assert_allclose(task.latent_bounds, [codes.min(axis=0), codes.max(axis=0)], atol=1e-9)
+
+
+def test_codes_of_responses_stand_for_rows(rows: StimulationSet) -> None:
+    codec = ResponseCodec(rows, 16)
+    some = np.random.default_rng(4).choice(len(rows), 5, replace=False)
+    maps = rows.inputs(some)
+    np.testing.assert_array_equal(codec.encode(maps), codec.codes[some])
+    # a configuration and its reverse have the same responses, so another row of the same code may come back
+    np.testing.assert_array_equal(codec.encode(codec.decode(codec.codes[some])), codec.codes[some])
+    np.testing.assert_array_equal(codec.encode(np.repeat(maps[:1], 2, axis=0))[0], codec.codes[some[0]])
+    assert 0.9 < codec.share < 1
+    spread = codec.codes.var(axis=0).sum() / rows.features.var(axis=0).sum()
+    assert spread == pytest.approx(codec.share)

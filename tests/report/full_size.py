@@ -77,12 +77,13 @@ def write_everything(
         )
     for method in (*QUALITY, *ORIGINAL, *ABLATIONS, "local_random"):
         runs("hand", method, 5, (200, 1000, 10))
-    for task in ("scs_st", "scs_ga", "scs_il"):
+    for task in ("scs_st", "scs_ga", "scs_il", "scs_st_informed", "scs_ga_informed", "scs_il_informed"):
         for method in (*QUALITY, *RANDOM_EMBEDDINGS):
             runs(task, method, 10, (200, 1000, 10), optimum=6.0)
     for digit in range(10):
-        for method in ("hdsafebo", "hdsafebo_local", "scbo", "config", "cei", "cmaes", "sobol"):
-            runs(f"digits_{digit}", method, 3, (20, 200, 1))
+        for task in (f"digits_{digit}", f"digits_{digit}_informed"):
+            for method in ("hdsafebo", "hdsafebo_local", "scbo", "config", "cei", "cmaes", "sobol"):
+                runs(task, method, 3, (20, 200, 1))
     write_inputs(root, rng)
 
 
@@ -114,13 +115,14 @@ def write_inputs(root: Path, rng: np.random.Generator) -> None:
         }
     )
     curve.to_parquet(root / "data/rollouts/learning_curve.parquet")
-    g = rng.uniform(-0.4, 0.5, 218_000)
+    counts = rng.integers(0, 5000, 80).tolist()
     muscles = ("IL", "VL&RF", "TA", "BF&GM", "ST", "GA")
-    si = {
-        f"si_{m}_{side}": rng.normal(0, 0.15, 218_000).clip(-1, 1)
-        for m in muscles
-        for side in ("left", "right")
+    stimulation = {
+        "rows": 218_000,
+        "threshold": 0.05,
+        "safe_share": 0.5,
+        "edges": np.linspace(-1, 1, 81).tolist(),
+        "selectivity": {m: {"safe": counts, "unsafe": counts, "best_safe": 0.4} for m in muscles},
+        "example": {"pixels": np.linspace(0, 1, 52 * 14).reshape(52, 14).tolist(), "title": "an example"},
     }
-    pd.DataFrame({"current": 1.0, "g": g} | si).astype(np.float32).to_parquet(
-        root / "data/spinal/stimulation.parquet"
-    )
+    (root / "data/spinal/selectivity.json").write_text(json.dumps(stimulation))

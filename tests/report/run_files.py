@@ -37,6 +37,7 @@ def trial_table(
     probability: float | NDArray[np.float64] = np.nan,
     bound: float = np.nan,
     threshold: float = 0.0,
+    repeated: Sequence[bool] | None = None,
 ) -> pd.DataFrame:
     """One run: objective and safety of every trial; a trial with NaN objective failed."""
     n = len(objective)
@@ -54,6 +55,7 @@ def trial_table(
             "safety": np.where(np.isnan(f), np.nan, g),
             "safe": (g >= threshold) & ~np.isnan(f),
             "violation": np.where(np.isnan(f), np.nan, np.maximum(0.0, threshold - g)),
+            "modelled_violation": np.where(np.isnan(f), np.nan, np.maximum(0.0, threshold - g)),
             "predicted_safe_probability": probability * chosen,
             "violation_bound": bound * chosen,
             "trust_region_length": np.full(n, np.nan),
@@ -61,6 +63,7 @@ def trial_table(
             "evaluate_seconds": np.full(n, 0.1),
             "status": np.where(np.isnan(f), "failed", "completed"),
             "marked_unsafe": np.zeros(n, bool),
+            "repeated": np.zeros(n, bool) if repeated is None else np.asarray(repeated, bool),
             "candidate": np.full(n, -1, np.int64),
         }
     )

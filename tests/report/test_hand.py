@@ -92,7 +92,7 @@ def test_comparison_is_among_safe_methods() -> None:
 
 
 def blocks_of(root: Path) -> list:
-    inputs = read_inputs(root, safety_threshold=0.05, field_map=None)
+    inputs = read_inputs(root, root / "data/runs")
     return hand_section(Results(read_runs(root / "data/runs")), inputs).blocks
 
 
@@ -127,12 +127,12 @@ def test_section_tells_difficulty_policies_and_who_is_upright(tmp_path: Path) ->
     assert "2.5 % end upright" in told
     assert "does not end upright (tilt 2.86 rad)" in told
     assert "walks of 300 Gaussian steps" in told
-    assert "HdSafeBO-local models no_drop" in told
+    assert "In the informed setting every method models no_drop" in told
     assert "not in the run files of Sobol" in told
     strips = [block for block in found if isinstance(block, Frame)]
     assert [strip.data for strip in strips] == [b"\x89PNG strip"]
     assert strips[0].title == "HdSafeBO-local, seed 3: return 423; upright, tilt at the end 0.120 rad"
-    [who] = [block for block in found if isinstance(block, Table) and block.name == "hand_upright"]
+    [who] = [block for block in found if isinstance(block, Table) and block.name == "upright_hand"]
     assert who.frame["trials"].tolist() == [2.0]
     assert who.frame["ended_upright"].tolist() == [1]
 
@@ -145,7 +145,7 @@ def test_without_a_renderer_the_section_says_what_is_missing(tmp_path: Path) -> 
 
 
 def test_nothing_was_made(tmp_path: Path) -> None:
-    assert read_hand(tmp_path) == HandInputs(None, None, {}, {})
+    assert read_hand(tmp_path, tmp_path) == HandInputs(None, None, {}, {})
     assert "Random policies: not run" in texts(blocks_of(tmp_path))
 
 
@@ -155,4 +155,4 @@ def test_malformed_files_are_errors(tmp_path: Path, content: str) -> None:
     (tmp_path / "data/synergies").mkdir(parents=True)
     (tmp_path / "data/synergies/random_policies.json").write_text(content)
     with pytest.raises(DatasetError, match=r"random_policies\.json"):
-        read_hand(tmp_path)
+        read_hand(tmp_path, tmp_path)

@@ -93,9 +93,9 @@ def test_a_stated_matrix_that_is_not_the_features_is_refused() -> None:
 def test_probing_needs_no_square_matrix() -> None:
     import tracemalloc
 
-    problem = Stated(states=False, d=3000)
+    problem = Stated(states=False, d=4000)
     tracemalloc.start()
     kernel_metric(problem, None, SearchSpace(problem.bounds, isotropic=False))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < 0.8 * 3000 * 3000 * 8
+    assert peak < 0.8 * 4000 * 4000 * 8

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import read_mapping, write_mapping
 from hdsafebo.session.create import create_session
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
 from hdsafebo.session.patient.month import initial_table
@@ -26,8 +27,8 @@ def make_session(tmp_path: Path) -> Callable[..., Session]:
 
     def make(kind: str = "box", name: str = "s", **changes: Any) -> Session:
         definition, initial = write_box_files(tmp_path / f"{name}-files", kind)
-        data = yaml.safe_load(definition.read_text()) | changes
-        definition.write_text(yaml.safe_dump(data))
+        data = read_mapping(definition, ParamsError) | changes
+        write_mapping(definition, data, ParamsError)
         return create_session(tmp_path / name, definition, who="ann", initial=initial, clock=FakeClock())
 
     return make
@@ -63,6 +64,6 @@ def clinic_files(tmp_path: Path, initial_trials: str) -> tuple[Path, Path]:
     folder = tmp_path / "files"
     folder.mkdir()
     definition, initial = folder / "session.yaml", folder / "initial.csv"
-    definition.write_text(yaml.safe_dump(small_definition()))
+    write_mapping(definition, small_definition(), ParamsError)
     initial.write_text(initial_trials)
     return definition, initial

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import write_mapping
 from hdsafebo.session.log.state import Suggestion, Trial
 from hdsafebo.session.patient.month import example_definition
 from hdsafebo.session.session import Session
@@ -50,7 +51,7 @@ def write_box_files(folder: Path, kind: str = "box", n: int = 8) -> tuple[Path, 
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
     definition, initial = folder / "session.yaml", folder / "initial.csv"
-    definition.write_text(yaml.safe_dump(box_definition(kind)))
+    write_mapping(definition, box_definition(kind), ParamsError)
     points = rng.uniform([0.4, 0.4, -0.2], [0.6, 0.6, 0.2], (n, 3)).round(6).tolist()
     if kind == "list":
         grid = [[a / 10, b / 10, c / 5] for a in range(11) for b in range(11) for c in range(-5, 6)]

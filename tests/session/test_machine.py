@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import write_mapping
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.chain import Entry
 from hdsafebo.session.log.stops import press
@@ -115,7 +116,7 @@ class Machine:
         limits = definition["inputs"][0]
         if limits["max_step"] > 0.25:
             inputs = [limits | {"max_step": limits["max_step"] - 0.01}, *definition["inputs"][1:]]
-            path.write_text(yaml.safe_dump(definition | {"inputs": inputs}))
+            write_mapping(path, definition | {"inputs": inputs}, ParamsError)
             view.tighten("ann", path)
 
     def point(self) -> dict[str, list[float]]:

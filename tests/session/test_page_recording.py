@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -68,3 +69,23 @@ def test_a_corrected_recording_is_sent_when_record_is_pressed_again(
     session.refresh()
     assert session.state.trials[-1].details["recording"]["name"] == "trial133.csv"
     assert session.store.attachments.content(session.state.trials[-1].details["recording"]["sha256"]) == whole
+
+
+def test_a_recording_that_was_cut_on_the_way_is_not_recorded(clinic: tuple[Session, Served]) -> None:
+    """The file follows the JSON of the step; how long it is, the JSON says."""
+    _, served = clinic
+    step = {
+        "who": "ann",
+        "head": served.status()["head"]["hash"],
+        "trial": 133,
+        "values": {"patient": 8, "therapist": 8},
+        "recording": {"name": "trial133.csv", "bytes": 100},
+    }
+    for file in (b"", b"\n" + b"x" * 99, b"\n" + b"x\n" * 51):
+        code, result = served.post("record", json.dumps(step).encode() + file)
+        assert code == 422
+        assert "was not sent whole" in result["error"]
+    code, result = served.post("record", json.dumps(step).encode() + b"\n" + b"x\n" * 50)
+    assert code == 422
+    assert "trial133.csv, line 1: header is 'x'" in result["error"]
+    assert served.status()["running"]["number"] == 133

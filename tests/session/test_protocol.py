@@ -6,8 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import yaml
 
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import write_mapping
 from hdsafebo.session.advice.advisor_cache import restored_advisor
 from hdsafebo.session.create import create_session
 from hdsafebo.session.errors import (
@@ -321,7 +322,7 @@ def test_a_session_that_could_not_work_is_not_made(tmp_path: Path) -> None:
         ({"name": "hdsafebo_local", "settings": {"alfa": 0.9}}, "alfa"),
         ({"name": "hdsafebo_local", "settings": {"alpha": 1.5}}, "alpha"),
     ):
-        definition.write_text(yaml.safe_dump(box_definition() | {"method": method}))
+        write_mapping(definition, box_definition() | {"method": method}, ParamsError)
         with pytest.raises(Exception, match=message):
             create_session(tmp_path / "s", definition, who="ann", initial=initial)
         assert not (tmp_path / "s").exists()

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import read_mapping, write_mapping
 from hdsafebo.session.candidates.stimulation_set import StimulationSet, enumerate_polarities
 from hdsafebo.session.create import create_session
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
@@ -85,9 +86,9 @@ def test_broken_contacts_and_priors_bind_every_suggestion(
     tmp_path: Path, clinic_files: tuple[Path, Path]
 ) -> None:
     definition, initial = clinic_files
-    data = yaml.safe_load(definition.read_text())
+    data = read_mapping(definition, ParamsError)
     data["stimulator"]["impedance_ohm"][3] = 9000.0
-    definition.write_text(yaml.safe_dump(data))
+    write_mapping(definition, data, ParamsError)
     session = create_session(tmp_path / "s", definition, who="ann", initial=initial)
     for _ in range(5):
         point = session.suggest("ann").point
@@ -268,10 +269,10 @@ def test_bad_initial_tables_name_the_line(
 
 def test_a_method_of_codes_needs_an_embedding(tmp_path: Path, clinic_files: tuple[Path, Path]) -> None:
     definition, initial = clinic_files
-    data = yaml.safe_load(definition.read_text()) | {
+    data = read_mapping(definition, ParamsError) | {
         "method": {"name": "hdsafebo", "settings": {"beta": -1.0}}
     }
-    definition.write_text(yaml.safe_dump(data))
+    write_mapping(definition, data, ParamsError)
     session = create_session(tmp_path / "s", definition, who="ann", initial=initial)
     with pytest.raises(Exception, match="give it an embedding"):
         session.suggest("ann")
@@ -284,10 +285,8 @@ def test_the_papers_way_through_an_embedding(
     from hdsafebo.embeddings import make_embedding
 
     definition, initial = clinic_files
-    data = yaml.safe_load(definition.read_text()) | {
-        "method": {"name": "hdsafebo", "settings": {"beta": 0.0}}
-    }
-    definition.write_text(yaml.safe_dump(data))
+    data = read_mapping(definition, ParamsError) | {"method": {"name": "hdsafebo", "settings": {"beta": 0.0}}}
+    write_mapping(definition, data, ParamsError)
     parsed = parse_definition(data)
     assert isinstance(parsed, StimulationDefinition)
     rows = StimulationSet(parsed.priors, StimulationSpace(parsed).envelope, as_maps=True)

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from hdsafebo.cli import main
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import write_mapping
 from hdsafebo.session.create import create_session
 from hdsafebo.session.session import Session
 from tests.session.measuring.outlets import Amplifier
@@ -21,7 +22,7 @@ def bench(tmp_path: Path, initial_trials: str, monkeypatch: pytest.MonkeyPatch) 
     """A session whose trigger is a channel, with a running trial; the working directory is its parent."""
     data = small_definition()
     data["emg"]["trigger"] = {"channel": "TRIG", "threshold": 2.5}
-    (tmp_path / "session.yaml").write_text(yaml.safe_dump(data))
+    write_mapping(tmp_path / "session.yaml", data, ParamsError)
     (tmp_path / "initial.csv").write_text(initial_trials)
     session = create_session(
         tmp_path / "s", tmp_path / "session.yaml", who="ann", initial=tmp_path / "initial.csv"

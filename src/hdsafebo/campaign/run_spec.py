@@ -19,7 +19,7 @@ from hdsafebo.params.base import MethodSettings
 from hdsafebo.pipeline.code import modules_behind
 from hdsafebo.pipeline.imports import ImportGraph
 from hdsafebo.pipeline.provenance import digest_file, digest_paths
-from hdsafebo.problems.registry import family_of, task_module
+from hdsafebo.problems.registry import family_of, is_informed, task_module
 
 # Blocks of params.yaml that a family of tasks reads, beside its own block under `tasks`.
 _BLOCKS = {"synthetic": (), "hand": ("hand",), "scs": ("spinal", "embeddings"), "digits": ("digits",)}
@@ -111,6 +111,10 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
     """
     plain = params.model_dump(mode="json")
     budget, method = budget_of(params, spec.task), params.methods[spec.method]
+    block = plain["tasks"][family_of(spec.task)]
+    problem = block["problem"]
+    if is_informed(spec.task):
+        problem = problem | {"informed": block.get("informed", {})}
     files = {}
     for name in inputs:
         path = Path(spec.root) / name
@@ -126,7 +130,7 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
         "initial": budget.initial,
         "trials": budget.trials,
         "batch": budget.batch,
-        "problem": plain["tasks"][family_of(spec.task)]["problem"],
+        "problem": problem,
         "algorithm": method.algorithm,
         "space": method.space,
         "settings": settings_of(params, spec.task, spec.method),

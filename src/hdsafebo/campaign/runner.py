@@ -65,9 +65,7 @@ def run(spec: RunSpec) -> RunResult:
         HdSafeBOError: what the task or the method raise.
     """
     params = spec.checked_params()
-    task = make_task(
-        spec.task, params, method=params.methods[spec.method].algorithm, seed=spec.seed, root=Path(spec.root)
-    )
+    task = make_task(spec.task, params, seed=spec.seed, root=Path(spec.root))
     identity = identity_of(spec, params, task.inputs)
     with RunJournal(spec.journal, spec.name, identity) as journal:
         if journal.outcome is None:
@@ -82,14 +80,15 @@ class _Run:
 
     def __init__(self, spec: RunSpec, params: Params, task: Task, journal: RunJournal) -> None:
         method = params.methods[spec.method]
+        settings = settings_of(params, spec.task, spec.method)
         self.problem: Problem = task.problem
+        self.knowledge = task.knowledge
         self.budget = budget_of(params, spec.task)
         self.journal = journal
         self.beacon = Beacon(spec)
         self.initial, self.candidate = self.problem.initial(self.budget.initial, spec.initial_rng())
         latent = method.space == "latent" and task.embedding is not None
         embedding = task.embedding(self.initial) if latent and task.embedding is not None else None
-        settings = settings_of(params, spec.task, spec.method)
         self.space: Space = "latent" if latent else "original"
         state = journal.state
         self.saved_rounds = 0 if state is None else state[0] + 1
@@ -242,6 +241,7 @@ class _Run:
             marked=int(trials.marked_unsafe.sum()),
             missing=self.budget.trials - len(trials),
             abstained=abstained,
+            certified=self.optimizer.certified_points,
         )
 
     def _facts(self) -> dict[str, Any]:
@@ -255,6 +255,8 @@ class _Run:
             "optimum": self.problem.optimum,
             "space": self.space,
             "dimension": int(self.optimizer.trials.z.shape[1]),
+            "given": self.knowledge.given(),
+            "unused": self.knowledge.unused(kind.uses, original=self.space == "original"),
         }
 
 

@@ -34,7 +34,8 @@ class Embedding(ABC):
         name: registry name.
         Settings: model of the settings.
         settings: how this one was made.
-        training: how the fit went (plain numbers and lists); empty where nothing is learned iteratively.
+        training: how the fit went (plain numbers and lists), and under `code_box` the limits of the codes of
+            the points that it was fitted to.
     """
 
     name: ClassVar[str]
@@ -78,8 +79,30 @@ class Embedding(ABC):
                 "points and as many columns, one per latent dimension"
             )
         self._input_dim = points.shape[1]
-        self._fit(points, rng, source if source is not None else as_given)
+        varied = source if source is not None else as_given
+        self._fit(points, rng, varied)
+        codes = self._encode(varied(points, rng))
+        self.training["code_box"] = [codes.min(axis=0).tolist(), codes.max(axis=0).tolist()]
         return self
+
+    @property
+    def code_box(self) -> FloatArray:
+        """(2, d) lower and upper limits of the codes of the points that it was fitted to.
+
+        Raises:
+            EmbeddingFileError: it was read from a card without them, or with something else in their place.
+        """
+        self._require_fitted()
+        try:
+            box = np.asarray(self.training["code_box"], float)
+        except (KeyError, TypeError, ValueError):
+            box = np.empty(0)
+        if box.shape != (2, self.latent_dim) or not np.isfinite(box).all() or (box[0] > box[1]).any():
+            raise EmbeddingFileError(
+                f"embedding {self.name!r}: training.code_box of its card is no box of {self.latent_dim} "
+                "codes; train it again"
+            )
+        return box
 
     def encode(self, x: ArrayLike) -> FloatArray:
         """Latent codes (n, d) of points (n, D); DatasetError on another shape or values not finite."""

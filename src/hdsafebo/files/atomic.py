@@ -67,7 +67,7 @@ def write_json(
         HdSafeBOError: as `error`: the file cannot be written.
         ValueError: a number is NaN or infinite.
     """
-    text = json.dumps(content, indent=1, sort_keys=sort_keys, allow_nan=False) + "\n"
+    text = json.dumps(content, indent=1, sort_keys=sort_keys, allow_nan=False, ensure_ascii=False) + "\n"
     with replacing(path, error) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -9,7 +9,7 @@ whatever error they happen to cause.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import ConstructorError, SafeConstructor
@@ -82,7 +82,7 @@ def write_mapping(path: Path, data: dict[str, Any], error: type[HdSafeBOError]) 
     """
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
-    yaml.sort_base_mapping_type_on_output = False
+    yaml.sort_base_mapping_type_on_output = cast(Any, False)  # its only type in ruamel is None
     with replacing(path, error) as temporary, temporary.open("w", encoding="utf-8") as file:
         yaml.dump(data, file)
 
@@ -157,10 +157,10 @@ def _parts(node: Node, key: str | None, constructor: SafeConstructor) -> list[tu
     return [(name.value, part) for name, value in node.value for part in (name, value)]
 
 
-def _check_scalar(node: ScalarNode, key: str | None, constructor: SafeConstructor) -> None:
+def _check_scalar(node: Node, key: str | None, constructor: SafeConstructor) -> None:
     if node.tag == _MERGE:
         return
-    kind = node.tag.rpartition(":")[2]
+    kind = str(node.tag).rpartition(":")[2]
     try:
         value = constructor.construct_object(node)
         if isinstance(value, str):

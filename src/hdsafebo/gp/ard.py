@@ -16,7 +16,7 @@ from scipy.linalg import lapack
 from scipy.optimize import minimize
 
 from hdsafebo.errors import SurrogateError
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 Kernel = Literal["rbf", "matern52"]
 
@@ -60,7 +60,7 @@ class ArdFit:
         log_density: log likelihood plus log prior, per data point, at these values.
     """
 
-    length_scales: FloatArray
+    length_scales: Shaped[FloatArray, " d"]
     noise: float
     scale: float
     mean: float
@@ -68,7 +68,11 @@ class ArdFit:
 
 
 def fit_ard(
-    x: FloatArray, y: FloatArray, model: ArdModel, start: ArdFit | None = None, max_iterations: int = 100
+    x: Shaped[FloatArray, "n d"],
+    y: Shaped[FloatArray, " n"],
+    model: ArdModel,
+    start: ArdFit | None = None,
+    max_iterations: int = 100,
 ) -> ArdFit:
     """Hyper-parameters that maximise likelihood times prior; the constant mean in closed form.
 
@@ -103,7 +107,7 @@ def fit_ard(
     return ArdFit(values[:d], float(values[d]), float(values[d + 1]), mean, -loss)
 
 
-def correlation(squared_distance: FloatArray, kernel: Kernel) -> FloatArray:
+def correlation(squared_distance: Shaped[FloatArray, " *s"], kernel: Kernel) -> Shaped[FloatArray, " *s"]:
     """Kernel value at scaled squared distances; 1 at distance 0."""
     if kernel == "rbf":
         return np.asarray(np.exp(-0.5 * squared_distance))
@@ -111,7 +115,7 @@ def correlation(squared_distance: FloatArray, kernel: Kernel) -> FloatArray:
     return np.asarray((1.0 + r + r * r / 3.0) * np.exp(-r))
 
 
-def _start(model: ArdModel, d: int, start: ArdFit | None) -> FloatArray:
+def _start(model: ArdModel, d: int, start: ArdFit | None) -> Shaped[FloatArray, " e"]:
     """(d + 2,) logarithms to start from: an earlier fit, the prior's mode, or TuRBO's values."""
     if start is not None:
         return np.log([*start.length_scales, start.noise, start.scale])
@@ -134,8 +138,11 @@ def _length_scale_prior(d: int) -> tuple[float, float]:
 
 
 def _loss(
-    theta: FloatArray, x: FloatArray, y: FloatArray, model: ArdModel
-) -> tuple[float, FloatArray, float]:
+    theta: Shaped[FloatArray, " e"],
+    x: Shaped[FloatArray, "n d"],
+    y: Shaped[FloatArray, " n"],
+    model: ArdModel,
+) -> tuple[float, Shaped[FloatArray, " e"], float]:
     """Negative log density per point, its gradient, the mean; `theta` = log(length scales, noise, scale)."""
     n, d = x.shape
     noise, scale = np.exp(theta[d:])
@@ -172,7 +179,9 @@ def _loss(
     return float(-value / n), -gradient / n, mean
 
 
-def _covariance(a: FloatArray, scale: float, kernel: Kernel) -> tuple[FloatArray, FloatArray]:
+def _covariance(
+    a: Shaped[FloatArray, "n d"], scale: float, kernel: Kernel
+) -> tuple[Shaped[FloatArray, "n n"], Shaped[FloatArray, "n n"]]:
     """(n, n) covariance of scaled inputs, and -2 dK/d(r^2), the factor of its length-scale gradient."""
     norms = (a * a).sum(axis=1)
     squared = np.maximum(norms[:, None] + norms - 2.0 * a @ a.T, 0.0)

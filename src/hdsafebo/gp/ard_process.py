@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from hdsafebo.errors import SurrogateError
 from hdsafebo.gp.ard import ArdFit, ArdModel, correlation, fit_ard
 from hdsafebo.gp.kernel import fast_distances
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 _FREQUENCIES = 512
 """Of the random Fourier features of a prior sample; the data correct it exactly (Wilson et al. 2020)."""
@@ -47,8 +47,8 @@ class ArdProcess:
 
     def __init__(
         self,
-        x: FloatArray,
-        y: FloatArray,
+        x: Shaped[FloatArray, "n d"],
+        y: Shaped[FloatArray, " n"],
         model: ArdModel,
         *,
         start: ArdFit | None = None,
@@ -67,14 +67,18 @@ class ArdProcess:
         self._residual = standard - self.fit.mean
         self._alpha = cho_solve(self._factor, self._residual)
 
-    def predict(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def predict(
+        self, q: Shaped[FloatArray, "r d"]
+    ) -> tuple[Shaped[FloatArray, " r"], Shaped[FloatArray, " r"]]:
         """(r,) means and standard deviations of the noise-free outcome at (r, d) points."""
         cross = self._covariance(q / self.fit.length_scales)
         half = solve_triangular(self._factor[0], cross, lower=True)
         variance = np.maximum(self.fit.scale - np.einsum("ij,ij->j", half, half), 1e-12 * self.fit.scale)
         return self._back(cross.T @ self._alpha), self.unit * np.sqrt(variance)
 
-    def predict_with_pullback(self, q: FloatArray) -> tuple[FloatArray, FloatArray, Pullback]:
+    def predict_with_pullback(
+        self, q: Shaped[FloatArray, "r d"]
+    ) -> tuple[Shaped[FloatArray, " r"], Shaped[FloatArray, " r"], Pullback]:
         """As `predict`, and what turns derivatives in both into a gradient in the inputs.
 
         The chain rule is applied before the sum over the data, which is the larger part of the work.
@@ -86,7 +90,9 @@ class ArdProcess:
         variance = np.maximum(self.fit.scale - np.einsum("ij,ij->j", cross, weights), 1e-12 * self.fit.scale)
         sd = np.sqrt(variance)
 
-        def pullback(by_mean: FloatArray, by_sd: FloatArray) -> FloatArray:
+        def pullback(
+            by_mean: Shaped[FloatArray, " r"], by_sd: Shaped[FloatArray, " r"]
+        ) -> Shaped[FloatArray, "r d"]:
             of_data = self._alpha[:, None] * by_mean - weights * (by_sd / sd)
             weighted = self.unit * self._slope(squared, cross) * of_data
             pulled = weighted.T @ self._scaled - weighted.sum(axis=0)[:, None] * scaled
@@ -95,8 +101,12 @@ class ArdProcess:
         return self._back(cross.T @ self._alpha), self.unit * sd, pullback
 
     def paths(
-        self, q: FloatArray, count: int, rng: np.random.Generator, centre: FloatArray | None = None
-    ) -> FloatArray:
+        self,
+        q: Shaped[FloatArray, "r d"],
+        count: int,
+        rng: np.random.Generator,
+        centre: Shaped[FloatArray, " d"] | None = None,
+    ) -> Shaped[FloatArray, "c r"]:
         """(count, r) joint posterior samples at (r, d) points.
 
         Matheron's rule: a prior sample, here of random Fourier features, plus the exact correction by the
@@ -122,7 +132,7 @@ class ArdProcess:
         cross = self.fit.scale * correlation(squared, self.model.kernel)
         return np.asarray(self._back(_waves(products[:, :m], weights) + cross.T @ update).T)
 
-    def believing(self, q: FloatArray) -> ArdProcess:
+    def believing(self, q: Shaped[FloatArray, "r d"]) -> ArdProcess:
         """The process as if its mean had been observed, without noise, at the (r, d) points `q` as well.
 
         This is the "kriging believer" of Ginsbourger, Le Riche and Carraro (2010); the factor is extended.
@@ -147,7 +157,7 @@ class ArdProcess:
         more._alpha = np.concatenate([self._alpha, np.zeros(r)])
         return more
 
-    def _factorise(self) -> tuple[FloatArray, bool]:
+    def _factorise(self) -> tuple[Shaped[FloatArray, "n n"], bool]:
         """Cholesky factor of the data's covariance, with as little jitter as it takes."""
         covariance = self._covariance(self._scaled)
         for jitter in _JITTERS:
@@ -159,22 +169,26 @@ class ArdProcess:
             return factor, lower
         raise SurrogateError(f"covariance of {len(covariance)} points has no Cholesky factor")
 
-    def _back(self, standard: FloatArray) -> FloatArray:
+    def _back(self, standard: Shaped[FloatArray, " *s"]) -> Shaped[FloatArray, " *s"]:
         """Standardised residuals in units of the outcome."""
         return np.asarray(self.shift + self.unit * (self.fit.mean + standard))
 
-    def _covariance(self, scaled: FloatArray) -> FloatArray:
+    def _covariance(self, scaled: Shaped[FloatArray, "r d"]) -> Shaped[FloatArray, "n r"]:
         """(n, r) covariance of the data with points that are divided by the length scales already."""
         return self.fit.scale * correlation(self._squared_distances(scaled), self.model.kernel)
 
-    def _squared_distances(self, scaled: FloatArray, products: FloatArray | None = None) -> FloatArray:
+    def _squared_distances(
+        self, scaled: Shaped[FloatArray, "r d"], products: Shaped[FloatArray, "n r"] | None = None
+    ) -> Shaped[FloatArray, "n r"]:
         """(n, r) from the data, in length scales; `products` are the (n, r) inner products, if known."""
         squared = -2.0 * (self._scaled @ scaled.T if products is None else products)
         squared += self._norms[:, None]
         squared += np.einsum("ij,ij->i", scaled, scaled)
         return np.maximum(squared, 0.0, out=squared)
 
-    def _slope(self, squared: FloatArray, cross: FloatArray) -> FloatArray:
+    def _slope(
+        self, squared: Shaped[FloatArray, "n r"], cross: Shaped[FloatArray, "n r"]
+    ) -> Shaped[FloatArray, "n r"]:
         """s such that the gradient of the covariance in the query is s * (data - query), scaled units."""
         if self.model.kernel == "rbf":
             return cross
@@ -193,7 +207,7 @@ class BelievedPool:
         mean: (k,), which no belief changes.
     """
 
-    def __init__(self, process: ArdProcess, points: FloatArray) -> None:
+    def __init__(self, process: ArdProcess, points: Shaped[FloatArray, "k d"]) -> None:
         self._scaled = points / process.fit.length_scales
         cross = process._covariance(self._scaled)
         self._half = solve_triangular(process._factor[0], cross, lower=True, check_finite=False)
@@ -202,7 +216,7 @@ class BelievedPool:
         self.mean = process._back(cross.T @ process._alpha)
 
     @property
-    def sd(self) -> FloatArray:
+    def sd(self) -> Shaped[FloatArray, " k"]:
         """(k,) posterior standard deviations."""
         return self._unit * np.sqrt(np.maximum(self._variance, self._least))
 
@@ -217,12 +231,16 @@ class BelievedPool:
         self._variance = self._variance - half * half
 
 
-def _waves(phases: FloatArray, weights: FloatArray) -> FloatArray:
+def _waves(
+    phases: Shaped[FloatArray, "r m"], weights: Shaped[FloatArray, "2 m c"]
+) -> Shaped[FloatArray, "r c"]:
     """(r, count) sums of cosines and sines of (r, m) phases with (2, m, count) weights."""
     return np.asarray(np.cos(phases) @ weights[0] + np.sin(phases) @ weights[1])
 
 
-def _products(q: FloatArray, matrix: FloatArray, centre: FloatArray | None) -> FloatArray:
+def _products(
+    q: Shaped[FloatArray, "r d"], matrix: Shaped[FloatArray, "m d"], centre: Shaped[FloatArray, " d"] | None
+) -> Shaped[FloatArray, "r m"]:
     """(r, m) q @ matrix', through the few coordinates in which the points differ from a centre."""
     if centre is not None:
         offsets = q - centre
@@ -237,7 +255,9 @@ class WarmStart:
     def __init__(self) -> None:
         self._fits: dict[str, ArdFit] = {}
 
-    def process(self, name: str, x: FloatArray, y: FloatArray, model: ArdModel) -> ArdProcess:
+    def process(
+        self, name: str, x: Shaped[FloatArray, "n d"], y: Shaped[FloatArray, " n"], model: ArdModel
+    ) -> ArdProcess:
         """The process of a function, fitted from where its last fit ended."""
         start = self._fits.get(name)
         if start is not None and len(start.length_scales) != x.shape[1]:

@@ -16,7 +16,7 @@ from hdsafebo.errors import SurrogateError
 from hdsafebo.gp.gaussian_process import GaussianProcess, Hyperparameters
 from hdsafebo.gp.kernel import matern52
 from hdsafebo.gp.outcomes import Outcomes
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 _LENGTH_SPREAD = 2.0
 """Standard deviation of the log length scale: wide, so that a few dozen trials outweigh it."""
@@ -74,10 +74,10 @@ class KnownNoise:
     """
 
     variance: float
-    relative: FloatArray
+    relative: Shaped[FloatArray, " n"]
 
     @classmethod
-    def of(cls, deviations: FloatArray) -> KnownNoise:
+    def of(cls, deviations: Shaped[FloatArray, " n"]) -> KnownNoise:
         """From (n,) standard deviations of the standardised outcomes."""
         variances = deviations**2
         mean = float(variances.mean())
@@ -90,14 +90,14 @@ class KnownNoise:
 
 
 def fit_gaussian_process(
-    inputs: FloatArray,
-    distances: FloatArray,
-    y: FloatArray,
+    inputs: Shaped[FloatArray, "n p"],
+    distances: Shaped[FloatArray, "n n"],
+    y: Shaped[FloatArray, " n"],
     *,
     start: Hyperparameters | None = None,
     limits: LengthScaleLimits | None = None,
     noise: NoisePrior | None = None,
-    known_noise: FloatArray | None = None,
+    known_noise: Shaped[FloatArray, " n"] | None = None,
     refine: bool = True,
 ) -> GaussianProcess:
     """Fit by maximum a posteriori.
@@ -169,7 +169,7 @@ def fit_gaussian_process(
     )
 
 
-def _first_guess(distances: FloatArray, dimension: int, noise: NoisePrior) -> Hyperparameters:
+def _first_guess(distances: Shaped[FloatArray, "n n"], dimension: int, noise: NoisePrior) -> Hyperparameters:
     """Hyper-parameters to start from without an earlier fit."""
     off_diagonal = distances[np.triu_indices(len(distances), 1)]
     reference = float(np.median(off_diagonal)) if len(off_diagonal) else 0.0
@@ -188,8 +188,8 @@ class _Evaluation:
     density: float
     mean: float
     variance: float
-    factor: FloatArray
-    residual: FloatArray
+    factor: Shaped[FloatArray, "n n"]
+    residual: Shaped[FloatArray, " n"]
     jitter: float
 
 
@@ -198,8 +198,8 @@ class _Search:
 
     def __init__(
         self,
-        distances: FloatArray,
-        values: FloatArray,
+        distances: Shaped[FloatArray, "n n"],
+        values: Shaped[FloatArray, " n"],
         start: Hyperparameters,
         limits: LengthScaleLimits,
         noise: NoisePrior,

@@ -15,7 +15,7 @@ from scipy.linalg import lapack, solve_triangular
 
 from hdsafebo.gp.kernel import exact_distances, fast_distances, matern52, matern52_with_slope
 from hdsafebo.gp.outcomes import Outcomes
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 _LEAST_VARIANCE = 1e-10
 """Of the prior's: what rounding leaves of 1 - k' K^-1 k at a point of the data."""
@@ -67,19 +67,19 @@ class GaussianProcess:
             when predictions are of what will be measured; 0 when they are of the function.
     """
 
-    inputs: FloatArray
-    values: FloatArray
+    inputs: Shaped[FloatArray, "n p"]
+    values: Shaped[FloatArray, " n"]
     outcomes: Outcomes
     hyper: Hyperparameters
     mean: float
     variance: float
-    factor: FloatArray
-    weights: FloatArray
-    relative_noise: FloatArray | None = None
+    factor: Shaped[FloatArray, "n n"]
+    weights: Shaped[FloatArray, " n"]
+    relative_noise: Shaped[FloatArray, " n"] | None = None
     predicted_noise: float = 0.0
 
     @property
-    def noise_ratios(self) -> FloatArray:
+    def noise_ratios(self) -> Shaped[FloatArray, " n"]:
         """(n,) noise variance of each datum over the signal variance."""
         relative = np.ones(len(self.values)) if self.relative_noise is None else self.relative_noise
         return self.hyper.noise_ratio * relative
@@ -94,26 +94,35 @@ class GaussianProcess:
         """Prior standard deviation, the largest the posterior can have, in the outcomes' units."""
         return float(self.outcomes.scale * np.sqrt(self.variance))
 
-    def correlation(self, x: FloatArray) -> FloatArray:
+    def correlation(self, x: Shaped[FloatArray, "k p"]) -> Shaped[FloatArray, "k n"]:
         """(k, n) prior correlation of the points (k, p) with the data."""
         return matern52(self._distances(x, self.inputs), self.length_scale)
 
-    def predict_mean(self, x: FloatArray) -> FloatArray:
+    def predict_mean(self, x: Shaped[FloatArray, "k p"]) -> Shaped[FloatArray, " k"]:
         """(k,) posterior mean at (k, p) kernel inputs."""
         return self.outcomes.restore(self.mean + self.correlation(x) @ self.weights)
 
-    def predict(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def predict(
+        self, x: Shaped[FloatArray, "k p"]
+    ) -> tuple[Shaped[FloatArray, " k"], Shaped[FloatArray, " k"]]:
         """(k,) posterior means and deviations at (k, p) kernel inputs; of noise, `predicted_noise` alone."""
         k = self.correlation(x)
         return self.outcomes.restore(self.mean + k @ self.weights), self.deviation(k)
 
-    def deviation(self, correlation: FloatArray) -> FloatArray:
+    def deviation(self, correlation: Shaped[FloatArray, "k n"]) -> Shaped[FloatArray, " k"]:
         """(k,) posterior standard deviation of points whose (k, n) correlation with the data is given."""
         v = solve_triangular(self.factor, correlation.T, lower=True, check_finite=False)
         remaining = np.maximum(1.0 - np.einsum("ij,ij->j", v, v), _LEAST_VARIANCE)
         return self.signal_deviation * np.sqrt(remaining + self.predicted_noise)
 
-    def predict_with_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def predict_with_gradient(
+        self, x: Shaped[FloatArray, "k p"]
+    ) -> tuple[
+        Shaped[FloatArray, " k"],
+        Shaped[FloatArray, " k"],
+        Shaped[FloatArray, "k p"],
+        Shaped[FloatArray, "k p"],
+    ]:
         """Posterior mean, deviation (k,) and their gradients (k, p); meant for few points."""
         k, slope = matern52_with_slope(self._distances(x, self.inputs), self.length_scale)
         q = k @ self._inverse
@@ -124,7 +133,7 @@ class GaussianProcess:
         mean = self.outcomes.restore(self.mean + k @ self.weights)
         return mean, deviation, mean_gradient, variance_gradient / (2.0 * deviation[:, None])
 
-    def covariance(self, x: FloatArray) -> FloatArray:
+    def covariance(self, x: Shaped[FloatArray, "k p"]) -> Shaped[FloatArray, "k k"]:
         """(k, k) posterior covariance; k^3 work, meant for few points."""
         v = solve_triangular(self.factor, self.correlation(x).T, lower=True, check_finite=False)
         prior = matern52(exact_distances(x, x), self.length_scale)
@@ -138,11 +147,13 @@ class GaussianProcess:
         return fast_distances if fast else exact_distances
 
     @cached_property
-    def _inverse(self) -> FloatArray:
+    def _inverse(self) -> Shaped[FloatArray, "n n"]:
         inverse, _ = lapack.dpotri(self.factor, lower=1)
         return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
 
 
-def _pull(coefficients: FloatArray, x: FloatArray, inputs: FloatArray) -> FloatArray:
+def _pull(
+    coefficients: Shaped[FloatArray, "k n"], x: Shaped[FloatArray, "k p"], inputs: Shaped[FloatArray, "n p"]
+) -> Shaped[FloatArray, "k p"]:
     """(k, p) sum over data j of coefficients[:, j] * (x - inputs[j])."""
     return x * coefficients.sum(axis=1)[:, None] - coefficients @ inputs

@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 _SQRT5 = np.sqrt(5.0)
 _FARTHEST = 800.0
 """Scaled distances are cut here: exp(-800) is 0, and the cut keeps infinity * 0 out."""
 
 
-def exact_distances(a: FloatArray, b: FloatArray) -> FloatArray:
+def exact_distances(a: Shaped[FloatArray, "n p"], b: Shaped[FloatArray, "m p"]) -> Shaped[FloatArray, "n m"]:
     """(n, m) Euclidean distances, each computed from its own pair alone.
 
     An entry does not depend on which other rows are present, so that a matrix grown row by row equals one
@@ -26,7 +26,7 @@ def exact_distances(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(cdist(a, b))
 
 
-def fast_distances(a: FloatArray, b: FloatArray) -> FloatArray:
+def fast_distances(a: Shaped[FloatArray, "n p"], b: Shaped[FloatArray, "m p"]) -> Shaped[FloatArray, "n m"]:
     """(n, m) Euclidean distances by one matrix product; absolute error about 1e-8 times the norms."""
     squared = a @ b.T
     squared *= -2.0
@@ -36,7 +36,7 @@ def fast_distances(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.sqrt(squared, out=squared)
 
 
-def matern52(distance: FloatArray, length_scale: float) -> FloatArray:
+def matern52(distance: Shaped[FloatArray, " *s"], length_scale: float) -> Shaped[FloatArray, " *s"]:
     """Correlation at the given distances; 1 at distance 0."""
     a = distance * (_SQRT5 / length_scale)
     np.minimum(a, _FARTHEST, out=a)
@@ -49,14 +49,18 @@ def matern52(distance: FloatArray, length_scale: float) -> FloatArray:
     return value
 
 
-def matern52_with_slope(distance: FloatArray, length_scale: float) -> tuple[FloatArray, FloatArray]:
+def matern52_with_slope(
+    distance: Shaped[FloatArray, " *s"], length_scale: float
+) -> tuple[Shaped[FloatArray, " *s"], Shaped[FloatArray, " *s"]]:
     """Correlation k, and s such that the gradient in the first argument is s * (x - x')."""
     a = np.minimum(distance * (_SQRT5 / length_scale), _FARTHEST)
     decay = np.exp(-a)
     return (1.0 + a + a * a / 3.0) * decay, -(5.0 / (3.0 * length_scale**2)) * (1.0 + a) * decay
 
 
-def spectral_frequencies(n: int, dimension: int, length_scale: float, rng: np.random.Generator) -> FloatArray:
+def spectral_frequencies(
+    n: int, dimension: int, length_scale: float, rng: np.random.Generator
+) -> Shaped[FloatArray, "n d"]:
     """(n, d) frequencies from the kernel's spectral density, a Student t with 5 degrees of freedom."""
     normal = rng.standard_normal((n, dimension))
     return normal * (np.sqrt(5.0 / rng.chisquare(5.0, n))[:, None] / length_scale)

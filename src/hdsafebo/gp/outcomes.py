@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import rankdata
 
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 _OUTLIER = 20.0
 """Scales beyond which values are drawn in: far outside what a Gaussian process can be asked to explain."""
@@ -31,7 +31,7 @@ class Outcomes:
     scale: float
 
     @classmethod
-    def of(cls, y: FloatArray) -> Outcomes:
+    def of(cls, y: Shaped[FloatArray, " n"]) -> Outcomes:
         """Standardisation of the (n,) values."""
         y = np.clip(y, -_LARGEST, _LARGEST)
         # Of one or two values none may be cut; of three, the median is left.
@@ -44,7 +44,7 @@ class Outcomes:
                 return cls(centre, scale)
         return cls(float(np.mean(central)), 1.0)
 
-    def standardise(self, y: FloatArray) -> FloatArray:
+    def standardise(self, y: Shaped[FloatArray, " *s"]) -> Shaped[FloatArray, " *s"]:
         """Standardised values."""
         v = (np.clip(y, -_LARGEST, _LARGEST) - self.centre) / self.scale
         far = np.abs(v) > _OUTLIER
@@ -53,12 +53,12 @@ class Outcomes:
             v = np.where(far, drawn, v)
         return np.asarray(v)
 
-    def restore(self, v: FloatArray) -> FloatArray:
+    def restore(self, v: Shaped[FloatArray, " *s"]) -> Shaped[FloatArray, " *s"]:
         """Values in the outcomes' units (drawn-in values stay drawn in)."""
         return self.centre + self.scale * v
 
 
-def normal_scores(y: FloatArray) -> FloatArray:
+def normal_scores(y: Shaped[FloatArray, " n"]) -> Shaped[FloatArray, " n"]:
     """(n,) standard normal quantiles at the ranks of the (n,) values; equal values share a rank.
 
     Modelled in place of the values they spread out what is crowded, such as the best of them, and have the

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from hdsafebo.errors import ParamsError
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 _SQRT_2PI = np.sqrt(2.0 * np.pi)
 
@@ -32,7 +32,11 @@ def alpha_of(beta: float) -> float:
     return float(ndtr(-beta))
 
 
-def safe_probability(mean: FloatArray, deviation: FloatArray, thresholds: FloatArray) -> FloatArray:
+def safe_probability(
+    mean: Shaped[FloatArray, "n m"],
+    deviation: Shaped[FloatArray, "n m"],
+    thresholds: Shaped[FloatArray, " m"],
+) -> Shaped[FloatArray, " n"]:
     """(n,) probability that every safety function meets its threshold; they are modelled independently.
 
     Args:
@@ -44,8 +48,11 @@ def safe_probability(mean: FloatArray, deviation: FloatArray, thresholds: FloatA
 
 
 def violation_bound(
-    mean: FloatArray, deviation: FloatArray, thresholds: FloatArray, beta: float | None
-) -> FloatArray:
+    mean: Shaped[FloatArray, "n m"],
+    deviation: Shaped[FloatArray, "n m"],
+    thresholds: Shaped[FloatArray, " m"],
+    beta: float | None,
+) -> Shaped[FloatArray, " n"]:
     """(n,) bound on the expected violation sum_j max(0, h_j - g_j), given the data.
 
     For a Gaussian g, E[max(0, h - g)] = sigma (t Phi(t) + phi(t)) with t = (h - mu) / sigma. It grows with t,

@@ -9,7 +9,7 @@ from scipy.linalg import cho_solve
 
 from hdsafebo.gp.gaussian_process import GaussianProcess
 from hdsafebo.gp.kernel import fast_distances, matern52_with_slope, spectral_frequencies
-from hdsafebo.typing import FloatArray, IntArray
+from hdsafebo.typing import FloatArray, IntArray, Shaped
 
 ValueAndGradient = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 _FREQUENCIES = 512
@@ -43,13 +43,15 @@ class SamplePaths:
         missed = (gp.values - gp.mean)[:, None] - self._prior(gp.inputs) - noise
         self._weights = cho_solve((gp.factor, True), missed, check_finite=False)
 
-    def values(self, x: FloatArray) -> FloatArray:
+    def values(self, x: Shaped[FloatArray, "k p"]) -> Shaped[FloatArray, "k c"]:
         """(k, count) values of all paths at (k, p) kernel inputs, in the outcomes' units."""
         return self.gp.outcomes.restore(
             self.gp.mean + self._prior(x) + self.gp.correlation(x) @ self._weights
         )
 
-    def value_and_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def value_and_gradient(
+        self, x: Shaped[FloatArray, "c p"]
+    ) -> tuple[Shaped[FloatArray, " c"], Shaped[FloatArray, "c p"]]:
         """(count,) value of each path at its own row of the (count, p) inputs, and (count, p) gradients."""
         gp = self.gp
         phase = x @ self._omega.T
@@ -62,12 +64,14 @@ class SamplePaths:
         gradient += x * pull.sum(axis=1)[:, None] - pull @ gp.inputs
         return gp.outcomes.restore(value), gp.outcomes.scale * gradient
 
-    def _prior(self, x: FloatArray) -> FloatArray:
+    def _prior(self, x: Shaped[FloatArray, "k p"]) -> Shaped[FloatArray, "k c"]:
         phase = x @ self._omega.T
         return np.cos(phase) @ self._cosine + np.sin(phase) @ self._sine
 
 
-def thompson_sample(gp: GaussianProcess, x: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
+def thompson_sample(
+    gp: GaussianProcess, x: Shaped[FloatArray, "k p"], n: int, rng: np.random.Generator
+) -> Shaped[IntArray, " n"]:
     """(n,) rows, all different, of (k, p) kernel inputs, each the best of a posterior sample of its own.
 
     The samples of a batch are independent, as in Kandasamy et al. (2018).
@@ -80,7 +84,7 @@ def thompson_sample(gp: GaussianProcess, x: FloatArray, n: int, rng: np.random.G
     return chosen
 
 
-def distinct_maxima(samples: FloatArray) -> list[int]:
+def distinct_maxima(samples: Shaped[FloatArray, "n k"]) -> list[int]:
     """For each row the index of its largest value, all different: Thompson sampling without replacement."""
     chosen: list[int] = []
     for sample in samples:

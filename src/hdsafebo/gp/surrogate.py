@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hdsafebo.errors import SurrogateError
 from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior, fit_gaussian_process
@@ -20,7 +19,7 @@ from hdsafebo.gp.gaussian_process import GaussianProcess, Hyperparameters
 from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.gp.safe_set import safe_probability, violation_bound
 from hdsafebo.problem import Safety
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import BoolArray, FloatArray, Shaped
 
 _COMPLETES = 0.5
 """Threshold between failed (0) and completed (1)."""
@@ -35,7 +34,7 @@ class DistanceCache:
         # One attribute, so that no interrupt finds the inputs of one table beside the distances of another.
         self._known = np.empty((0, 0)), np.empty((0, 0))
 
-    def of(self, inputs: FloatArray) -> FloatArray:
+    def of(self, inputs: Shaped[FloatArray, "n p"]) -> Shaped[FloatArray, "n n"]:
         """(n, n) distances between the rows of (n, p) kernel inputs; not to be written to."""
         earlier, distances = self._known
         known = len(earlier)
@@ -113,7 +112,7 @@ class Beliefs(ABC):
         """(k, m) what is expected of the safety functions and how uncertain that is, at (k, p) points."""
 
     @abstractmethod
-    def believed_safe(self, x: FloatArray, beta: float) -> NDArray[np.bool_]:
+    def believed_safe(self, x: FloatArray, beta: float) -> BoolArray:
         """(k,) True where every safety function's bound meets its threshold."""
 
     @abstractmethod
@@ -139,7 +138,7 @@ class Surrogate(Beliefs):
 
     objective: GaussianProcess
     safety: tuple[GaussianProcess, ...]
-    thresholds: FloatArray
+    thresholds: Shaped[FloatArray, " m"]
     completion: bool = False
 
     @property
@@ -153,7 +152,7 @@ class Surrogate(Beliefs):
         return SurrogateState(self.objective.hyper, tuple(gp.hyper for gp in self.safety))
 
     @property
-    def inputs(self) -> FloatArray:
+    def inputs(self) -> Shaped[FloatArray, "n p"]:
         """(n, p) kernel inputs of the data."""
         return self.objective.inputs
 
@@ -162,18 +161,22 @@ class Surrogate(Beliefs):
         """The shortest fitted length scale: the distance over which anything is known to vary little."""
         return min(gp.length_scale for gp in (self.objective, *self.safety))
 
-    def predict_safety(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def predict_safety(
+        self, x: Shaped[FloatArray, "k p"]
+    ) -> tuple[Shaped[FloatArray, "k m"], Shaped[FloatArray, "k m"]]:
         """(k, m) posterior means and deviations of the safety functions at (k, p) kernel inputs."""
         predictions = [gp.predict(x) for gp in self.safety]
         return np.column_stack([p[0] for p in predictions]), np.column_stack([p[1] for p in predictions])
 
-    def slack(self, x: FloatArray, beta: float) -> FloatArray:
+    def slack(self, x: Shaped[FloatArray, "k p"], beta: float) -> Shaped[FloatArray, " k"]:
         """(k,) least of (mu + beta * sigma - h) / prior deviation over safety functions."""
         mean, deviation = self.predict_safety(x)
         scale = np.array([gp.signal_deviation for gp in self.safety])
         return np.asarray(((mean + beta * deviation - self.thresholds) / scale).min(axis=1))
 
-    def slack_with_gradient(self, x: FloatArray, beta: float) -> tuple[FloatArray, FloatArray]:
+    def slack_with_gradient(
+        self, x: Shaped[FloatArray, "k p"], beta: float
+    ) -> tuple[Shaped[FloatArray, " k"], Shaped[FloatArray, "k p"]]:
         """`slack`, (k,), and its gradient (k, p): that of the safety function nearest to its threshold."""
         rows = np.arange(len(x))
         slacks, gradients = [], []
@@ -184,7 +187,7 @@ class Surrogate(Beliefs):
         nearest = np.argmin(slacks, axis=0)
         return np.array(slacks)[nearest, rows], np.array(gradients)[nearest, rows]
 
-    def believed_safe(self, x: FloatArray, beta: float) -> NDArray[np.bool_]:
+    def believed_safe(self, x: Shaped[FloatArray, "k p"], beta: float) -> Shaped[BoolArray, " k"]:
         """(k,) True where mu + beta * sigma >= h for every safety function.
 
         Sigma lies between 0 and the prior deviation (with the noise of a measurement added to both, where
@@ -206,24 +209,26 @@ class Surrogate(Beliefs):
             safe[rows[~passed]] = False
         return safe
 
-    def safe_probability(self, x: FloatArray) -> FloatArray:
+    def safe_probability(self, x: Shaped[FloatArray, "k p"]) -> Shaped[FloatArray, " k"]:
         """(k,) probability that every modelled safety function meets its threshold."""
         return safe_probability(*self.predict_safety(x), self.thresholds)
 
-    def violation_bound(self, x: FloatArray, beta: float | None) -> FloatArray:
+    def violation_bound(self, x: Shaped[FloatArray, "k p"], beta: float | None) -> Shaped[FloatArray, " k"]:
         """(k,) bound on the expected violation (see `safe_set.violation_bound`), in the models' units."""
         mean, deviation = (values[:, : self.measured] for values in self.predict_safety(x))
         return violation_bound(mean, deviation, self.thresholds[: self.measured], beta)
 
 
-def modelled_safety(functions: Sequence[Safety], values: FloatArray) -> FloatArray:
+def modelled_safety(
+    functions: Sequence[Safety], values: Shaped[FloatArray, "n m"]
+) -> Shaped[FloatArray, "n q"]:
     """(n, m') columns of the (n, m) safety values that are modelled, transformed."""
     return np.column_stack(
         [apply_transform(s.transform, values[:, j]) for j, s in enumerate(functions) if s.modelled]
     )
 
 
-def modelled_thresholds(functions: Sequence[Safety]) -> FloatArray:
+def modelled_thresholds(functions: Sequence[Safety]) -> Shaped[FloatArray, " q"]:
     """(m',) thresholds of the modelled safety functions, transformed along with the values."""
     return np.array(
         [apply_transform(s.transform, np.array([s.threshold]))[0] for s in functions if s.modelled]
@@ -236,16 +241,16 @@ def apply_transform(transform: Callable[[FloatArray], FloatArray] | None, values
 
 
 def fit_surrogate(
-    inputs: FloatArray,
-    objective: FloatArray,
-    safety: FloatArray,
-    thresholds: FloatArray,
+    inputs: Shaped[FloatArray, "n p"],
+    objective: Shaped[FloatArray, " n"],
+    safety: Shaped[FloatArray, "n m"],
+    thresholds: Shaped[FloatArray, " m"],
     *,
     start: SurrogateState | None = None,
     cache: DistanceCache | None = None,
     limits: LengthScaleLimits | None = None,
     noise: NoisePrior | None = None,
-    known_noise: FloatArray | None = None,
+    known_noise: Shaped[FloatArray, "n e"] | None = None,
     refine: bool = True,
 ) -> Surrogate:
     """Fit all Gaussian processes.
@@ -294,13 +299,15 @@ def fit_surrogate(
     # A threshold goes through the same drawing-in as the values, so that it keeps its place among them.
     processes = [processes[0], *map(_of_measurements, processes[1:])]
     shown = [
-        float(gp.outcomes.restore(gp.outcomes.standardise(np.array(h))))
+        gp.outcomes.restore(gp.outcomes.standardise(np.array([h])))[0]
         for gp, h in zip(processes[1:], thresholds, strict=True)
     ]
     return Surrogate(processes[0], tuple(processes[1:]), np.array(shown))
 
 
-def with_completion(surrogate: Surrogate, inputs: FloatArray, start: SurrogateState | None) -> Surrogate:
+def with_completion(
+    surrogate: Surrogate, inputs: Shaped[FloatArray, "n p"], start: SurrogateState | None
+) -> Surrogate:
     """The surrogate with one more safety function: whether a trial completes.
 
     Failures have no safety values, so a process of its own takes 1 for each completed trial and 0 for each
@@ -337,6 +344,6 @@ def _of_measurements(gp: GaussianProcess) -> GaussianProcess:
     return gp if gp.relative_noise is None else replace(gp, predicted_noise=gp.hyper.noise_ratio)
 
 
-def _known(deviations: FloatArray) -> FloatArray | None:
+def _known(deviations: Shaped[FloatArray, " n"]) -> Shaped[FloatArray, " n"] | None:
     """The standard deviations, when all of them are known."""
     return None if np.isnan(deviations).any() else deviations

@@ -105,7 +105,7 @@ class Standard:
         return self.warp.log_jacobian(y) - len(y) * float(np.log(self.unit))
 
     def variance(self, y: FloatArray, deviation: FloatArray) -> float:
-        """Median variance, as modelled, of (n,) outcomes with (n,) small deviations, NaN ones left out."""
+        """Median variance, as modelled, of (n,) outcomes with (n,) small deviations; NaN is left out."""
         known = np.isfinite(deviation)
         if not known.any():
             return 0.0

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from hdsafebo.errors import UnknownNameError
 from hdsafebo.hand.scene.bottle import BOTTLE
 from hdsafebo.hand.scene.model import PALM_BODIES, HandModel
-
-FloatArray = NDArray[np.float64]
+from hdsafebo.typing import FloatArray
 
 CONTROL_INTERVAL = 0.02
 """s between decisions of the policy; joint velocities are seen as angle per interval."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hdsafebo.errors import HandModelError
-
-FloatArray = NDArray[np.float64]
+from hdsafebo.typing import FloatArray
 
 
 @dataclass(frozen=True)

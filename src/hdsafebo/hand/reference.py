@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
@@ -21,8 +20,8 @@ from hdsafebo.files.atomic import write_json
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.rollout import Episodes, Scene, episode
 from hdsafebo.hand.scene.model import HandModel
+from hdsafebo.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 TRIVIAL_SHARE = 0.05
 
 

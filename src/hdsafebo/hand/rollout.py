@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.scene.model import Variant, hand_model
 from hdsafebo.hand.simulation import HORIZON, BottleSimulation, Step
+from hdsafebo.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 FINAL_STEPS = 20
 UPRIGHT_TILT = 0.35
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from hdsafebo.errors import HandModelError
 from hdsafebo.hand.observation import CONTROL_INTERVAL, Observer, tilt
@@ -14,8 +13,7 @@ from hdsafebo.hand.reward import Reward
 from hdsafebo.hand.scene.bottle import BOTTLE, BOTTLE_SHAPE
 from hdsafebo.hand.scene.model import FOREARM_SHAPES, HandModel
 from hdsafebo.hand.scene.start_pose import placed_model, reset, start_pose
-
-FloatArray = NDArray[np.float64]
+from hdsafebo.typing import FloatArray
 
 DROP_HEIGHT = 0.4
 """m; a bottle below it has dropped (paper, appendix)."""

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
@@ -17,8 +16,8 @@ from hdsafebo.files.atomic import write_json
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.scene.model import HandModel
+from hdsafebo.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 INDEX_COLUMNS = ("episode", "step")
 
 

@@ -46,20 +46,20 @@ class MLflowCallback:
         objective = table[study.system.objective.name]
         best = sign * (sign * objective.where(table["safe"])).cummax().ffill()
         metrics: list[Metric] = []
-        for trial, row in table[table["status"] != "pending"].iterrows():
-            if int(trial) in logged:
+        done = table[table["status"] != "pending"].reset_index()
+        for row in done.to_dict("records"):
+            trial = int(row["trial"])
+            if trial in logged:
                 continue
             values = {name: row[name] for name in study.system.outcomes}
             values |= {
                 "safe": float(row["safe"]),
                 _ALWAYS: float(row["status"] == "failed"),
                 "safe_probability": row["safe_probability"],
-                "best_safe": best[trial],
+                "best_safe": best.loc[trial],
             }
             metrics += [
-                Metric(_metric_name(n), float(v), 0, int(trial))
-                for n, v in values.items()
-                if math.isfinite(v)
+                Metric(_metric_name(n), float(v), 0, trial) for n, v in values.items() if math.isfinite(v)
             ]
         for first in range(0, len(metrics), _MOST):
             self._client.log_batch(run.info.run_id, metrics=metrics[first : first + _MOST])

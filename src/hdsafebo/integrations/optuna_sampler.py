@@ -8,7 +8,7 @@ storage is taken in before each suggestion; the sampler itself stores nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 from optuna.distributions import (
     BaseDistribution,
@@ -86,7 +86,7 @@ class HdSafeBOSampler(BaseSampler):
         if param_distribution.single():
             if isinstance(param_distribution, CategoricalDistribution):
                 return param_distribution.choices[0]
-            return param_distribution.low  # type: ignore[attr-defined]
+            return cast(FloatDistribution | IntDistribution, param_distribution).low
         raise NoSafePointError(
             f"parameter {param_name!r} was not part of all earlier trials, so nothing is known to be safe; "
             "enqueue safe trials first: study.enqueue_trial({name: value, ...}), with a value for every "
@@ -147,5 +147,5 @@ def _parameter(name: str, distribution: BaseDistribution) -> Parameter:
         step = distribution.step if distribution.step != 1 else None
         return Integer(name, distribution.low, distribution.high, log=distribution.log, step=step)
     if isinstance(distribution, CategoricalDistribution):
-        return Choice(name, tuple(distribution.choices))  # type: ignore[arg-type]
+        return Choice(name, cast(tuple[str | int | float, ...], tuple(distribution.choices)))
     raise DescriptionError(f"parameter {name!r} has a {type(distribution).__name__}, which is unknown here")

@@ -62,6 +62,7 @@ class Optimizer(Knowledge[S]):
         consults_model: the method has the settings of the Gaussian processes (`ModelSettings`), and says of
             each trial what they believe.
         uses_initial_data: False for methods that ask for initial trials of their own.
+        uses: what a task gives and the method can use, as `problems.knowledge.Knowledge` names it.
         holds_contexts: True for methods that choose and judge points under the contexts of the moment: they
             pass what they choose from through `space.pinned`, or leave the context columns alone.
         searches_codes: False for methods that bring an embedding of their own: they leave embedding and
@@ -217,7 +218,7 @@ class Optimizer(Knowledge[S]):
         if len(self.trials) == 0:
             return False
         some = self.trials[:_FEW_TRIALS]
-        inputs, plain = self.kernel_inputs(some), Optimizer.kernel_inputs(self, some)
+        inputs, plain = self.kernel_inputs(some), self.space.kernel_inputs(self.space.to_unit(some.z))
         return inputs.shape == plain.shape and np.array_equal(inputs, plain)
 
     @one_at_a_time

@@ -1,5 +1,12 @@
 """HdSafeBO: the paper's Algorithm 1 with SafeUpdate (Algorithm 2).
 
+Where text, listing and "the default setting of SCBO" say different things of the trust region, the defaults
+follow SCBO, as BoTorch has it: l_t is the side of a box around x*, in widths of the searched box, and a
+candidate differs from x* in 20 coordinates on average. On the paper's synthetic task this reading gives an
+objective of 4.05 +- 0.14, a safety of 0.79 +- 0.01 and a violation of 35 +- 3 on seeds 0 to 11, where the
+paper has 3.96 +- 0.15, 0.81 +- 0.02 and 27 +- 4. Two other readings have names of their own in the registry:
+the listing taken literally, and l_t in fitted length scales.
+
 Lines of Algorithm 1 and where they are:
     1      c_s, c_f <- 0                                     prepare
     2      x*, y* <- best safe point of D_0                  Optimizer.centre_row
@@ -44,14 +51,13 @@ class HdSafeBOSettings(SafeSetSettings):
         failure_tolerance: tau_f; None is SCBO's ceil(max(4 / q, d / q)) for a round of q trials.
         box: l_t is the "side" of the box, z* -+ l_t / 2, as in SCBO and the text of section 4.2, or its
             "half_width", z* -+ l_t, as line 6 of Algorithm 1 is printed.
-        unit: l_t counts fitted length scales ("length_scale") or widths of the searched box ("box", as in
-            SCBO, and what the text says literally). Only the first reaches the figures of the paper's
-            synthetic task; the second is `hdsafebo_literal` in the registry.
+        unit: l_t counts widths of the searched box ("box", as in SCBO) or fitted length scales
+            ("length_scale", which the paper does not say).
         batch_success: a round succeeds when it "improved" the best safe objective (Algorithm 2, line 1),
             or only when it "improved_and_all_safe" (section 4.2: "while maintaining comprehensive safety").
         candidates: number of Sobol points in the box; None is BoTorch's min(5000, max(2000, 200 d)).
         perturbed: expected number of coordinates in which a candidate differs from the centre (SCBO's and
-            TuRBO's mask uses 20); None lets all differ, as the paper says nothing of a mask.
+            TuRBO's mask uses 20); None lets all differ, as the listing has no mask.
         local: False searches the whole box (the paper's ablation without local search).
     """
 
@@ -61,10 +67,10 @@ class HdSafeBOSettings(SafeSetSettings):
     success_tolerance: int = Field(default=10, ge=1)
     failure_tolerance: int | None = Field(default=None, ge=1)
     box: Literal["side", "half_width"] = "side"
-    unit: Literal["length_scale", "box"] = "length_scale"
+    unit: Literal["box", "length_scale"] = "box"
     batch_success: Literal["improved", "improved_and_all_safe"] = "improved_and_all_safe"
     candidates: int | None = Field(default=None, ge=1)
-    perturbed: int | None = Field(default=None, ge=1)
+    perturbed: int | None = Field(default=20, ge=1)
     local: bool = True
 
 
@@ -86,7 +92,7 @@ class HdSafeBO(Optimizer[HdSafeBOSettings]):
         length = self.region.length
         while True:
             candidates = self.space.pinned(self._candidates(centre, *self._box(centre, length)))  # line 6
-            inputs = self.space.kernel_inputs(candidates)
+            inputs = self.inputs_at(candidates)
             safe = self.surrogate.believed_safe(inputs, beta)  # lines 5 and 7
             if safe.sum() >= n or length <= self.settings.length_min or not self.settings.local:
                 break
@@ -121,8 +127,18 @@ class HdSafeBO(Optimizer[HdSafeBOSettings]):
             return np.zeros_like(centre), np.ones_like(centre)
         half: FloatArray | float = length / 2 if self.settings.box == "side" else length
         if self.settings.unit == "length_scale":
-            half = half * self.surrogate.length_scale / self.space.metric
+            half = half * self.surrogate.length_scale / self._stretch()
         return np.clip(centre - half, 0.0, 1.0), np.clip(centre + half, 0.0, 1.0)
+
+    def _stretch(self) -> FloatArray:
+        """(d,) how far kernel inputs move when one coordinate of the unit cube moves by one."""
+        if self.problem.features is None:
+            return self.space.metric
+        matrix = self.metric.matrix
+        lengths = np.abs(matrix) if matrix.ndim == 1 else np.linalg.norm(matrix, axis=0)
+        return np.maximum(
+            lengths, np.finfo(float).tiny
+        )  # what no feature sees may move as far as the box goes
 
     def _candidates(self, centre: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
         """(k, d) points of the box, among which line 8 maximises."""

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from hdsafebo.errors import NoSafePointError
 from hdsafebo.gp.fit import NoisePrior
 from hdsafebo.gp.surrogate import Beliefs, DistanceCache
-from hdsafebo.gp.warped_surrogate import WarpedState
 from hdsafebo.optimizers.core.contexts import check_able, in_context, novel_beta
 from hdsafebo.optimizers.core.fits import FitCounts, Fits, State, fit_trials
 from hdsafebo.optimizers.core.ledger import Ledger
@@ -29,8 +28,9 @@ from hdsafebo.optimizers.settings import (
     warn_of_an_optimistic_default,
 )
 from hdsafebo.problem import Codec, ContextualSet, Problem, check_problem
+from hdsafebo.search.metric import Metric, kernel_metric
 from hdsafebo.search.space import SearchSpace
-from hdsafebo.trials import Trials
+from hdsafebo.trials import Trial, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
 S = TypeVar("S", bound=OptimizerSettings)
@@ -45,6 +45,7 @@ class Knowledge(ABC, Generic[S]):
     uses_initial_data: ClassVar[bool] = True
     holds_contexts: ClassVar[bool] = False
     searches_codes: ClassVar[bool] = True
+    uses: ClassVar[frozenset[str]] = frozenset({"latent_space", "kernel_features", "safety", "extra_trials"})
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -72,6 +73,7 @@ class Knowledge(ABC, Generic[S]):
         self.rng = np.random.default_rng(seed)
         self.round = 0
         self._space: SearchSpace | None = None
+        self._metric: Metric | None = None
         if box is not None or self.embedding is None:
             self._space = self.make_space(problem.bounds if box is None else np.asarray(box, float))
         self._context = np.zeros(len(problem.contexts))
@@ -119,11 +121,29 @@ class Knowledge(ABC, Generic[S]):
 
     def kernel_inputs(self, trials: Trials) -> FloatArray:
         """(n, p) what the kernel measures distances between, for the points of `trials`."""
+        if self.problem.features is not None:
+            return np.asarray(self.problem.features(trials.x), float)
         return self.space.kernel_inputs(self.space.to_unit(trials.z))
 
     def inputs_of(self, rows: IntArray) -> FloatArray:
         """(k, p) `kernel_inputs` of the given rows of `trials`."""
         return self.kernel_inputs(self.trials[rows])
+
+    def inputs_at(self, points: FloatArray) -> FloatArray:
+        """(k, p) what the kernel measures distances between, for (k, d) points of the unit cube."""
+        plain = self.problem.features is None
+        return self.space.kernel_inputs(points) if plain else self.metric.inputs(points)
+
+    @property
+    def metric(self) -> Metric:
+        """From the unit cube to kernel inputs.
+
+        Raises:
+            ProblemError: the problem's features are no affine map of the codes.
+        """
+        if self._metric is None:
+            self._metric = kernel_metric(self.problem, self.embedding, self.space)
+        return self._metric
 
     @property
     def noise_prior(self) -> NoisePrior:
@@ -192,10 +212,10 @@ class Knowledge(ABC, Generic[S]):
         """(n,) True for completed trials whose every safety value meets its threshold."""
         return self._ledger.feasible
 
-    def best(self) -> Trials | None:
-        """The feasible trial with the highest objective, as a table of one row; None when there is none."""
+    def best(self) -> Trial | None:
+        """The feasible trial with the highest objective; None when there is none."""
         row = self._ledger.best_row(self.feasible)
-        return None if row is None else self.trials[[row]]
+        return None if row is None else self.trials.one(row)
 
     def centre_row(self) -> int:
         """Row of x* of Algorithm 1, the best feasible trial; without one, that of the least violation.
@@ -281,17 +301,16 @@ class Knowledge(ABC, Generic[S]):
         return self.fit(rows, start, cache)
 
     def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
-        """What is believed given the completed trials `rows`, at least one.
+        """What is believed given the completed trials `rows`.
 
         Args:
-            rows: of `trials`.
+            rows: at least one.
             start: where the last fit ended.
             cache: distances of earlier fits.
 
         Raises:
             SurrogateError: no process could be fitted.
         """
-        assert not isinstance(start, WarpedState), "the fits of a method are of one kind"
         return fit_trials(
             self.problem,
             self.trials,
@@ -308,6 +327,11 @@ class Knowledge(ABC, Generic[S]):
     def refit(self) -> None:
         """Fit the surrogate anew when it is next needed: what it is fitted to has changed."""
         self._fits.forget()
+
+    @property
+    def certified_points(self) -> int | None:
+        """Most points of its own discretisation that the method certified in a round; None without one."""
+        return None
 
     @property
     def fit_counts(self) -> FitCounts:

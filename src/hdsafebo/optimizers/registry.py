@@ -34,7 +34,11 @@ class Method:
 
 METHODS: dict[str, Method] = {
     "hdsafebo": Method("hdsafebo", "HdSafeBO"),
-    "hdsafebo_literal": Method("hdsafebo", "HdSafeBO", {"unit": "box"}),
+    # other readings of the paper: Algorithms 1 and 2 exactly as they are listed, and l_t in length scales
+    "hdsafebo_printed": Method(
+        "hdsafebo", "HdSafeBO", {"box": "half_width", "batch_success": "improved", "perturbed": None}
+    ),
+    "hdsafebo_length_scales": Method("hdsafebo", "HdSafeBO", {"unit": "length_scale", "perturbed": None}),
     "hdsafebo_local": Method("local.optimizer", "HdSafeBOLocal"),
     # ablations of the paper (figures of its appendix): no local search, no optimism, other confidence
     "hdsafebo_global": Method("hdsafebo", "HdSafeBO", {"local": False}),
@@ -43,13 +47,18 @@ METHODS: dict[str, Method] = {
     "hdsafebo_beta4": Method("hdsafebo", "HdSafeBO", {"beta": 4.0}),
     "hdsafebo_beta8": Method("hdsafebo", "HdSafeBO", {"beta": 8.0}),
     "hdsafebo_beta16": Method("hdsafebo", "HdSafeBO", {"beta": 16.0}),
-    # baselines of the paper
+    # baselines as the paper has them, each followed by its variants: the usual lower bound in place of the
+    # paper's upper one, BoTorch's default kernel in place of the paper's, a step chosen on other seeds
     "linebo": Method("baselines.linebo", "LineBO"),
+    "linebo_lower": Method("baselines.linebo", "LineBO", {"beta": -2.0}),
     "scbo": Method("baselines.scbo", "Scbo"),
     "config": Method("baselines.config", "Config"),
     "cei": Method("baselines.cei", "Cei"),
+    "cei_botorch": Method("baselines.cei", "Cei", {"kernel": "rbf"}),
     "cei_prob": Method("baselines.cei", "CeiProb"),
+    "cei_prob_botorch": Method("baselines.cei", "CeiProb", {"kernel": "rbf"}),
     "cmaes": Method("baselines.cmaes", "CmaEs"),
+    "cmaes_tuned": Method("baselines.cmaes", "CmaEs"),
     "cmaes_centre": Method("baselines.cmaes", "CmaEs", {"start": "centre"}),
     "safeopt": Method("baselines.safeopt", "SafeOpt"),
     # without regard to safety
@@ -57,7 +66,8 @@ METHODS: dict[str, Method] = {
     "hesbo": Method("baselines.hesbo", "Hesbo"),
     "baxus": Method("baselines.baxus", "Baxus"),
     "ars": Method("baselines.ars", "Ars"),
-    # controls without a model
+    # controls: the model without a search around the best trial, and no model
+    "thompson_rows": Method("controls.thompson_rows", "ThompsonRows"),
     "sobol": Method("controls.sobol", "Sobol"),
     "local_random": Method("controls.local_random", "LocalRandom"),
     "random_lowest": Method("controls.random_lowest", "RandomLowest"),

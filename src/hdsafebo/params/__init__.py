@@ -3,7 +3,7 @@
 from hdsafebo.params.base import Block, Count, Positive, Scalar
 from hdsafebo.params.embeddings import Digits, Embeddings, Isometry, IsometryFloors
 from hdsafebo.params.hand import Hand
-from hdsafebo.params.methods import Method, Space
+from hdsafebo.params.methods import MethodBlock, Space
 from hdsafebo.params.model import Params
 from hdsafebo.params.reading import load_params, parse_params
 from hdsafebo.params.spinal import Spinal
@@ -19,7 +19,7 @@ __all__ = [
     "HandProblem",
     "Isometry",
     "IsometryFloors",
-    "Method",
+    "MethodBlock",
     "Params",
     "Positive",
     "Scalar",

@@ -65,11 +65,15 @@ class Isometry(Block):
     floors: dict[str, IsometryFloors] = {}
 
 
+MNIST = "data/mnist"
+
+
 class Digits(Block):
     """Images, predictor and embedding of the digits task.
 
     Attributes:
-        source: `sklearn` (bundled 8 x 8 images), `idx` (MNIST's files in `folder`) or `openml` (a download).
+        source: `mnist` (its 10,000 test images, in `data/mnist`), `sklearn` (8 x 8 images that scikit-learn
+            brings), `idx` (files of MNIST's format in `folder`) or `openml` (all 70,000 images, a download).
         folder: directory of the IDX files, relative to the project's.
         predictor_epochs: passes over the images when the predictor is trained.
         embedding: name of the embedding.
@@ -77,7 +81,7 @@ class Digits(Block):
         seed: of all that is trained.
     """
 
-    source: Literal["sklearn", "idx", "openml"] = "sklearn"
+    source: Literal["mnist", "sklearn", "idx", "openml"] = "mnist"
     folder: str | None = None
     predictor_epochs: Count = 40
     embedding: str = "irvae"
@@ -86,4 +90,6 @@ class Digits(Block):
 
     def folder_path(self, root: Path) -> Path | None:
         """Directory of the IDX files."""
+        if self.source == "mnist":
+            return root / MNIST
         return None if self.folder is None else root / self.folder

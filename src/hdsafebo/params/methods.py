@@ -11,7 +11,7 @@ from hdsafebo.params.base import Block, MethodSettings, Scalar
 Space = Literal["latent", "original"]
 
 
-class Method(Block):
+class MethodBlock(Block):
     """A method under the name of its block, which tasks list, DVC makes an item and run files carry.
 
     Everything beside the two attributes is a setting of the algorithm: `{space: original, beta: -2.0}`.

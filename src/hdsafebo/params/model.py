@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from hdsafebo.params.base import Block, Count
 from hdsafebo.params.embeddings import Digits, Embeddings, Isometry
 from hdsafebo.params.hand import Hand
-from hdsafebo.params.methods import Method, with_algorithms
+from hdsafebo.params.methods import MethodBlock, with_algorithms
 from hdsafebo.params.spinal import Spinal
 from hdsafebo.params.tasks import Tasks
 
@@ -58,7 +58,7 @@ class Params(Block):
     isometry: Isometry = Isometry()
     digits: Digits = Digits()
     tasks: Tasks
-    methods: dict[str, Method]
+    methods: dict[str, MethodBlock]
     compute: Compute = Compute()
     tracking: Tracking = Tracking()
     report: Report = Report()

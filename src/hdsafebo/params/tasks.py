@@ -39,7 +39,7 @@ class Budget(Block):
         return range(self.first_seed, self.first_seed + self.seeds_of.get(method, self.seeds))
 
 
-class Task(Block):
+class Family(Block):
     """What every family of tasks has.
 
     Attributes:
@@ -74,7 +74,7 @@ class SyntheticProblem(Block):
         return self
 
 
-class SyntheticTask(Task):
+class SyntheticTask(Family):
     """The synthetic task and the methods that run on it."""
 
     problem: SyntheticProblem = SyntheticProblem()
@@ -89,22 +89,32 @@ class HandProblem(Block):
     Attributes:
         handling_limit: of `handling_speed`, m/s.
         reported: safety functions that decide whether a trial was safe.
-        modelled: safety functions that the methods model.
-        modelled_local: those that hdsafebo_local and its variants model.
-        directions: directions of observations in the kernel of hdsafebo_local.
+        modelled: safety functions that the methods model in the paper's setting.
     """
 
     handling_limit: Positive = 1.0
     reported: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
     modelled: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
-    modelled_local: Annotated[list[HandSafety], Field(min_length=1)] = ["no_drop"]
+
+
+class HandInformed(Block):
+    """What differs in the informed setting of the hand.
+
+    Attributes:
+        modelled: safety functions that the methods model.
+        directions: directions of observations in the kernel.
+    """
+
+    modelled: Annotated[list[HandSafety], Field(min_length=1)] = ["no_drop"]
     directions: Count = 12
 
 
-class HandTask(Task):
-    """The hand task and the methods that run on it."""
+class HandTask(Family):
+    """The hand in the paper's setting and in the informed one, and the methods that run in both."""
 
     problem: HandProblem = HandProblem()
+    informed: HandInformed = HandInformed()
+    tasks: Annotated[list[Literal["hand", "hand_informed"]], Field(min_length=1)] = ["hand", "hand_informed"]
 
 
 class ScsProblem(Block):
@@ -121,33 +131,42 @@ class ScsProblem(Block):
     side: Literal["left", "right"] = "left"
 
 
-class ScsTask(Task):
-    """The stimulation tasks, one per target muscle (`scs_st`, `scs_ga`, ...)."""
+class ScsInformed(Block):
+    """What differs in the informed setting of the stimulation tasks.
+
+    Attributes:
+        components: principal components of the responses of axons that the latent space has.
+    """
+
+    components: Annotated[int, Field(ge=1, le=84)] = 16
+
+
+class ScsTask(Family):
+    """The stimulation tasks, one per target muscle and setting (`scs_st`, `scs_st_informed`, ...)."""
 
     problem: ScsProblem = ScsProblem()
-    tasks: list[Literal["scs_il", "scs_vlrf", "scs_ta", "scs_bfgm", "scs_st", "scs_ga"]]
+    informed: ScsInformed = ScsInformed()
+    tasks: list[Annotated[str, Field(pattern=r"^scs_(il|vlrf|ta|bfgm|st|ga)(_informed)?$")]]
 
 
 class DigitsProblem(Block):
     """What makes an image valid.
 
     Attributes:
-        temperature: of the predictor's softmax. The paper divides by 200 the outputs of a network whose
-            scale it does not publish, because its probabilities are nearly all 0 or 1. Two is what this
-            predictor needs: 96 % of the 8 x 8 images then have a probability between 0.01 and 0.99 (29 %
-            without), and 97 % are valid at a threshold of 0.5; at 10 none is.
+        temperature: of the predictor's softmax, 200 in the paper; `problems/digit_predictor.py` says on which
+            scale its outputs are.
         threshold: least probability of a valid image.
     """
 
-    temperature: Positive = 2.0
+    temperature: Positive = 200.0
     threshold: Annotated[float, Field(gt=0, lt=1)] = 0.5
 
 
-class DigitsTask(Task):
-    """The ten tasks `digits_0` ... `digits_9` and the methods that run on them."""
+class DigitsTask(Family):
+    """The tasks `digits_0` ... `digits_9` in both settings (`digits_0_informed`), and their methods."""
 
     problem: DigitsProblem = DigitsProblem()
-    tasks: list[Annotated[str, Field(pattern=r"^digits_[0-9]$")]]
+    tasks: list[Annotated[str, Field(pattern=r"^digits_[0-9](_informed)?$")]]
 
 
 class Tasks(Block):

@@ -1,4 +1,4 @@
-"""Images of handwritten digits: scikit-learn's bundled 8 x 8 set, or MNIST from files or from OpenML."""
+"""Images of handwritten digits: MNIST from files or OpenML, or the 8 x 8 set that scikit-learn brings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hdsafebo.errors import DatasetError
 from hdsafebo.typing import FloatArray
 
-Source = Literal["sklearn", "idx", "openml"]
+Source = Literal["mnist", "sklearn", "idx", "openml"]
 _IDX_MAX_BYTES = 200_000_000  # MNIST's training images take 47 MB; anything far larger is not MNIST
 _UNSIGNED_BYTE = 0x08
 
@@ -41,8 +41,8 @@ def load_digit_images(source: Source, folder: Path | None = None) -> DigitImages
     """Load the images of a source.
 
     Args:
-        source: `sklearn` (1,797 images of 8 x 8, bundled: no download), `idx` (files in MNIST's own
-            format in `folder`), or `openml` (MNIST by scikit-learn's `fetch_openml`, which downloads).
+        source: `mnist` or `idx` (files in MNIST's own format in `folder`), `sklearn` (1,797 images of 8 x 8,
+            bundled), or `openml` (MNIST by scikit-learn's `fetch_openml`, which downloads).
         folder: where the IDX files lie.
 
     Raises:
@@ -59,7 +59,7 @@ def load_digit_images(source: Source, folder: Path | None = None) -> DigitImages
         pixels, labels = fetch_openml("mnist_784", version=1, return_X_y=True, as_frame=False)
         return DigitImages(np.asarray(pixels, float) / 255.0, labels.astype(np.int64))
     if folder is None:
-        raise DatasetError("digit images: source 'idx' needs a folder with IDX files, got none")
+        raise DatasetError(f"digit images: source {source!r} needs a folder with IDX files, got none")
     return _load_idx(folder)
 
 

@@ -13,7 +13,8 @@ from hdsafebo.params import Params
 from hdsafebo.problem import Codec, Problem, Safety
 from hdsafebo.problems.digit_images import DigitImages, load_digit_images
 from hdsafebo.problems.digit_predictor import DigitPredictor
-from hdsafebo.problems.registry import Task
+from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.registry import INFORMED_SUFFIX, Task, is_informed
 from hdsafebo.trials import Evaluation, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
@@ -36,6 +37,7 @@ class ThickDigit(Problem):
             that it decodes to; with those of the image that it encodes, which is brighter, the initial data
             would mislead every model. None shows images as they are.
         log_odds: the logarithm of the odds is modelled, which does not saturate as the probability does.
+        name: of the task; None is `digits_` and the digit.
 
     Raises:
         DatasetError: no image of the digit is recognised.
@@ -53,8 +55,9 @@ class ThickDigit(Problem):
         threshold: float,
         shown: Callable[[FloatArray], FloatArray] | None = None,
         log_odds: bool = False,
+        name: str | None = None,
     ) -> None:
-        self.name = f"digits_{digit}"
+        self.name = f"digits_{digit}" if name is None else name
         self.digit = digit
         self.predictor = predictor
         self.temperature = temperature
@@ -84,8 +87,8 @@ class ThickDigit(Problem):
         return self.predictor.probability(pixels, self.digit, self.temperature)
 
 
-def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) -> Task:
-    """The task of a digit; see `problems.registry.make_task`."""
+def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
+    """The task of a digit, `digits_3` or `digits_3_informed`; see `problems.registry`."""
     settings = params.tasks.digits.problem
     images = load_digit_images(params.digits.source, params.digits.folder_path(root))
     embedding = load_embedding(root / EMBEDDING_FILE, input_dim=images.pixels.shape[1])
@@ -97,20 +100,27 @@ def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) 
     def shown(pixels: FloatArray) -> FloatArray:
         return np.clip(embedding.decode(embedding.encode(pixels)), 0.0, 1.0)
 
+    informed = is_informed(name)
     problem = ThickDigit(
-        int(name.rsplit("_", 1)[1]),
+        int(name.removesuffix(INFORMED_SUFFIX).rsplit("_", 1)[1]),
         images,
         DigitPredictor.load(root / PREDICTOR_FILE),
         temperature=settings.temperature,
         threshold=settings.threshold,
         shown=shown,
-        log_odds=method.startswith("hdsafebo_local"),
+        log_odds=informed,
+        name=name,
+    )
+    knowledge = Knowledge(
+        latent_space=f"{codes.shape[1]} codes of {embedding.name}, the box of the codes of all images",
+        safety=f"recognition_probability, {'the logarithm of its odds' if informed else 'as it is'}",
     )
     return Task(
         problem,
         latent,
         inputs=(PREDICTOR_FILE, EMBEDDING_FILE),
         latent_bounds=np.vstack([codes.min(axis=0), codes.max(axis=0)]),
+        knowledge=knowledge,
     )
 
 

@@ -15,6 +15,9 @@ Objective: the sum of rewards of an episode. Safety functions:
 
 Of these four only those bind an optimiser that are modelled or reported; the others are on record.
 
+The paper's setting (`hand`) models the landing speed. The informed one (`hand_informed`) models `no_drop`,
+and its kernel sees what policies do on the main directions of the observations of reference episodes.
+
 No initial policy does the task: a few per cent of uniform draws end upright, and an optimiser that is given
 one has nothing to find. Such draws are replaced by further ones, for all methods alike.
 """
@@ -27,20 +30,21 @@ from pathlib import Path
 
 import numpy as np
 
-from hdsafebo.errors import HandModelError
+from hdsafebo.errors import HandModelError, UnknownNameError
 from hdsafebo.hand.policy import PolicySpace
 from hdsafebo.hand.reference import behaviour_map, load_moment
 from hdsafebo.hand.rollout import UPRIGHT_TILT, Episodes, Scene, evaluate_policies
 from hdsafebo.hand.synergies import load_synergies, synergy_policies
 from hdsafebo.params import HandProblem, Params
 from hdsafebo.problem import Codec, Problem, Safety
-from hdsafebo.problems.registry import Task
+from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.registry import Task, is_informed
 from hdsafebo.trials import Evaluation, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
 SYNERGY_FILE = "models/synergies/pca.safetensors"
 MOMENT_FILE = "models/synergies/observations.safetensors"
-_LOCAL = "hdsafebo_local"
+TASKS = ("hand", "hand_informed")
 _MOST_DRAWS = 10
 """Draws of the initial policies, each of as many as the last one left to find."""
 
@@ -74,9 +78,9 @@ class HandPolicies(Problem):
         box: limit of the weights over synergies.
         safety: the safety functions, as `safety_functions` gives them.
         features: kernel inputs of policies, or None for the weights themselves.
+        name: of the task.
     """
 
-    name = "hand"
     depends_on_history = False
 
     def __init__(
@@ -86,7 +90,9 @@ class HandPolicies(Problem):
         box: float,
         safety: tuple[Safety, ...],
         features: Callable[[FloatArray], FloatArray] | None = None,
+        name: str = "hand",
     ) -> None:
+        self.name = name
         self.scene = scene
         self.codec = SynergyCodec(synergies)
         self.space = PolicySpace.original(synergies.base, synergies.observations)
@@ -155,33 +161,52 @@ def safety_functions(
     )
 
 
-def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) -> Task:
-    """The hand task; see `problems.registry.make_task`. Nothing in it depends on the seed."""
-    hand, settings = params.hand, params.tasks.hand.problem
+def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
+    """The hand task in one of its settings; see `problems.registry`. Nothing in it depends on the seed."""
+    if name not in TASKS:
+        raise UnknownNameError("hand task", name, TASKS)
+    hand, settings = params.hand, params.tasks.hand
     scene = Scene(hand.scene.variant, hand.scene.roll, hand.scene.horizon)
     simulation = scene.simulation()
     synergies = load_synergies(root / SYNERGY_FILE, simulation.hand)
     space = synergy_policies(scene, synergies, hand.synergies.count)
-    local = method.startswith(_LOCAL)
-    features = None
-    if local:
-        features = behaviour_features(load_moment(root / MOMENT_FILE, simulation.hand), settings.directions)
-    problem = HandPolicies(
-        scene,
-        space,
-        hand.synergies.box,
-        safety_functions(
-            settings, hand.synergies.landing_limit, settings.modelled_local if local else settings.modelled
-        ),
-        features,
-    )
+    informed = is_informed(name)
+    features, modelled = None, settings.problem.modelled
+    if informed:
+        moment = load_moment(root / MOMENT_FILE, simulation.hand)
+        features, modelled = (
+            behaviour_features(moment, settings.informed.directions),
+            settings.informed.modelled,
+        )
+    safety = safety_functions(settings.problem, hand.synergies.landing_limit, modelled)
+    problem = HandPolicies(scene, space, hand.synergies.box, safety, features, name)
     codec: Codec = problem.codec
     limits = np.full(space.dimension, hand.synergies.box)
     return Task(
         problem=problem,
         embedding=lambda initial: codec,
-        inputs=(SYNERGY_FILE, MOMENT_FILE) if local else (SYNERGY_FILE,),
+        inputs=(SYNERGY_FILE, MOMENT_FILE) if informed else (SYNERGY_FILE,),
         latent_bounds=np.stack([-limits, limits]),
+        knowledge=_knowledge(params, modelled, informed=informed),
+    )
+
+
+def _knowledge(params: Params, modelled: Sequence[str], *, informed: bool) -> Knowledge:
+    """What the methods are given, in words."""
+    synergies, directions = params.hand.synergies, params.tasks.hand.informed.directions
+    return Knowledge(
+        latent_space=f"weights over {synergies.count} synergies, each at most {synergies.box:g} in size",
+        kernel_features=(
+            f"muscle drives along the {directions} main directions of reference observations"
+            if informed
+            else None
+        ),
+        safety=f"{', '.join(modelled)}, as it is",
+        extra_trials=(
+            f"{synergies.reference_policies} episodes of random policies, of which the observations are used"
+            if informed
+            else None
+        ),
     )
 
 

@@ -1,21 +1,29 @@
-"""From the name of a task to its problem and the space it is searched in."""
+"""From the name of a task to its problem, the space it is searched in and what is known of it.
+
+Some tasks exist in two settings. The plain name is the paper's: what the paper gives its methods. The name
+with the suffix `_informed` is what a practitioner would use. Both are tasks of their own, every method runs
+in both, and methods are compared within one of them only.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
 from hdsafebo.errors import UnknownNameError
 from hdsafebo.params import Params
 from hdsafebo.problem import Codec, Problem
+from hdsafebo.problems.knowledge import Knowledge
 from hdsafebo.typing import FloatArray
+
+INFORMED_SUFFIX = "_informed"
 
 
 @dataclass(frozen=True)
 class Task:
-    """One problem instance and its latent space.
+    """One problem instance, its latent space and what else is known of it, whichever method runs.
 
     Attributes:
         problem: what is optimised.
@@ -24,12 +32,14 @@ class Task:
         inputs: files the task reads, relative to the root (a run depends on their content).
         latent_bounds: (2, d) box of the latent space: limits of the codes of the points that the
             embedding was trained on (paper, appendix); None takes the codes of the initial trials.
+        knowledge: what of all this the methods are given, in words.
     """
 
     problem: Problem
     embedding: Callable[[FloatArray], Codec] | None
     inputs: tuple[str, ...] = ()
     latent_bounds: FloatArray | None = None
+    knowledge: Knowledge = field(default_factory=Knowledge)
 
 
 _FAMILIES = {
@@ -62,24 +72,25 @@ def task_module(family: str) -> str:
     return _FAMILIES[family]
 
 
-def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) -> Task:
+def is_informed(task: str) -> bool:
+    """Whether a task is the informed setting, see the module."""
+    return task.endswith(INFORMED_SUFFIX)
+
+
+def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
     """Build a task for one run.
 
-    Every module of a family has a function `make_task` with the same signature. The problem depends on
-    `seed` alone, so that all methods meet the same problem and the same initial trials; `method` may
-    only decide which safety functions are modelled and which feature map is offered.
+    Every module of a family has a function `make_task` with the same signature. No method is named here: the
+    problem, its latent space and all else that is known are the same for all.
 
     Args:
-        name: task name, such as `synthetic`, `hand`, `scs_st`, `digits_3`.
+        name: task name, such as `synthetic`, `hand`, `scs_st_informed`, `digits_3`.
         params: the parameters.
-        method: name of the method that will run.
-        seed: seed of the run.
+        seed: seed of the run; the problem and the initial trials follow from it.
         root: directory below which the task's files lie.
 
     Raises:
         UnknownNameError: there is no such task.
     """
-    task: Task = import_module(task_module(family_of(name))).make_task(
-        name, params, method=method, seed=seed, root=root
-    )
+    task: Task = import_module(task_module(family_of(name))).make_task(name, params, seed=seed, root=root)
     return task

@@ -2,22 +2,31 @@
 
 The input is the field map of a stimulation (728 pixels), but only the maps of the dataset can be
 evaluated: a decoded map takes the value of the nearest row that was not yet evaluated.
+
+In the paper's setting (`scs_st`) the latent space is that of a learned embedding of the maps, the kernel sees
+its codes, and g is modelled as it is. In the informed one (`scs_st_informed`) the kernel sees the logarithms
+of the responses of axons, the latent space holds their principal components, and the logarithm of g is
+modelled.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from hdsafebo.embeddings.base import Embedding
 from hdsafebo.embeddings.registry import load_embedding
 from hdsafebo.errors import DatasetError, UnknownNameError
 from hdsafebo.params import Params
-from hdsafebo.problem import Codec, Problem, Safety
-from hdsafebo.problems.registry import Task
+from hdsafebo.problem import Problem, Safety
+from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.registry import INFORMED_SUFFIX, Task, is_informed
 from hdsafebo.spinal.configurations import CONFIGURATIONS, enumerate_configurations
 from hdsafebo.spinal.field_map import PIXELS, REFERENCE_CURRENT_MA, field_maps, unit_potentials
 from hdsafebo.spinal.nearest import NearestMap
@@ -28,36 +37,50 @@ from hdsafebo.typing import FloatArray, IntArray
 DATASET_FILE = "data/spinal/stimulation.parquet"
 MUSCLES = {"il": "IL", "vlrf": "VL&RF", "ta": "TA", "bfgm": "BF&GM", "st": "ST", "ga": "GA"}
 _LOG_OFFSET = 0.005  # keeps the logarithm of a safety value of 0 finite
+_ENCODED_AT_ONCE = 4096  # maps of 728 pixels: 24 MB
 
 
-@dataclass(frozen=True)
 class StimulationSet:
     """The rows that can be evaluated; implements `problem.CandidateSet`.
 
     Row i * K + k is configuration i at the k-th of K currents.
 
+    Args:
+        currents_ma: (K,) currents, increasing.
+        features: gives the (21800 K, p) kernel inputs of all rows; called when they are first asked for,
+            since only methods that choose among rows need them. None takes the responses of axons, see
+            `log_responses`: maps of low current all meet at one point although the selectivity depends on
+            direction, so distances between maps say less.
+
     Attributes:
         unit: (21800, 728) unit potentials.
-        currents_ma: (K,) currents.
-        features: (21800 K, 84) inputs of the kernel, see `log_responses`. Maps of low current all meet at the
-            origin although the selectivity depends on direction, so distances between maps say less.
+        currents_ma: as given.
     """
 
-    unit: FloatArray
-    currents_ma: FloatArray
-    features: FloatArray
-    _nearest: NearestMap
+    def __init__(
+        self, currents_ma: FloatArray, features: Callable[[StimulationSet], FloatArray] | None = None
+    ) -> None:
+        self._polarity = enumerate_configurations()
+        self.unit = unit_potentials(self._polarity)
+        self.currents_ma = currents_ma
+        self._features = features
+        self._nearest = NearestMap(self.unit, currents_ma)
 
-    @classmethod
-    def build(cls, currents_ma: FloatArray) -> StimulationSet:
-        """The set of all configurations at the given currents."""
-        polarity = enumerate_configurations()
-        unit = unit_potentials(polarity)
-        features = log_responses(unit_responses(polarity), currents_ma)
-        return cls(unit, currents_ma, features, NearestMap(unit, currents_ma))
+    @cached_property
+    def features(self) -> FloatArray:
+        """(21800 K, p) inputs of the kernel."""
+        if self._features is not None:
+            return self._features(self)
+        return log_responses(unit_responses(self._polarity), self.currents_ma)
+
+    @cached_property
+    def identifying(self) -> FloatArray:
+        """(21800 K, 1) random sums of the rows' maps, which tell this set from another."""
+        weights = np.random.default_rng(0).uniform(0.5, 1.0, self.unit.shape[1])
+        return np.asarray((self.unit @ weights)[:, None] * self.currents_ma).reshape(-1, 1)
 
     def __len__(self) -> int:
-        return len(self.features)
+        return len(self._nearest)
 
     def inputs(self, rows: IntArray) -> FloatArray:
         """(k, 728) field maps of rows."""
@@ -68,9 +91,46 @@ class StimulationSet:
         """(n,) rows whose maps are nearest to the (n, 728) maps `x`, all different and none in `taken`."""
         return np.asarray(self._nearest.query(x, taken)[0], dtype=np.int64)
 
+    def same(self, x: FloatArray) -> IntArray:
+        """(n,) rows whose maps are nearest to the (n, 728) maps `x`, whether taken or not."""
+        return np.asarray(self._nearest.nearest_rows(x)[0], dtype=np.int64)
+
     def weakest(self) -> IntArray:
         """Rows at the lowest current, on which most of the set is safe."""
         return np.arange(0, len(self), len(self.currents_ma))
+
+
+class ResponseCodec:
+    """The informed latent space: principal components of the responses of axons; implements `problem.Codec`.
+
+    A code stands for a row whose code is nearest; a configuration and its reverse have the same code.
+
+    Args:
+        rows: the set, with responses as features.
+        components: d, number of components.
+
+    Attributes:
+        codes: (N, d) codes of all rows.
+        share: of the variance of the responses that the components hold.
+    """
+
+    def __init__(self, rows: StimulationSet, components: int) -> None:
+        features = rows.features - rows.features.mean(axis=0)
+        values, vectors = np.linalg.eigh(features.T @ features)
+        leading = vectors[:, ::-1][:, :components]
+        leading = leading * np.where(leading.sum(axis=0) < 0, -1.0, 1.0)  # LAPACK leaves the signs open
+        self.codes = features @ leading
+        self.share = float(values[::-1][:components].sum() / values.sum())
+        self._rows = rows
+        self._tree = cKDTree(self.codes)
+
+    def encode(self, x: FloatArray) -> FloatArray:
+        """(n, d) codes of the rows whose maps are nearest to the (n, 728) maps."""
+        return np.asarray(self.codes[self._rows.same(x)])
+
+    def decode(self, z: FloatArray) -> FloatArray:
+        """(n, 728) maps of the rows whose codes are nearest."""
+        return self._rows.inputs(np.asarray(self._tree.query(z)[1]))
 
 
 class SelectiveStimulation(Problem):
@@ -83,12 +143,14 @@ class SelectiveStimulation(Problem):
         safety: (N,) g = 1 - max_i mu_i per row.
         threshold: least g of a safe row.
         log_safety: model log(g + 0.005) with its threshold moved along; g itself piles up at zero.
+        name: of the task; None is `scs_` and the target.
 
     Raises:
         DatasetError: no row is safe.
     """
 
     depends_on_history = False
+    candidates: StimulationSet
 
     def __init__(
         self,
@@ -99,8 +161,9 @@ class SelectiveStimulation(Problem):
         *,
         threshold: float,
         log_safety: bool,
+        name: str | None = None,
     ) -> None:
-        self.name = f"scs_{target}"
+        self.name = f"scs_{target}" if name is None else name
         self.candidates = rows
         self.selectivity = selectivity
         self.values = safety
@@ -120,27 +183,78 @@ class SelectiveStimulation(Problem):
         return Evaluation(self.selectivity[rows], self.values[rows][:, None])
 
 
-def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) -> Task:
-    """The task of a muscle; see `problems.registry.make_task`."""
+def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
+    """The task of a muscle in one of its settings; see `problems.registry`."""
     settings = params.tasks.scs.problem
-    target = name.removeprefix("scs_")
+    target = name.removeprefix("scs_").removesuffix(INFORMED_SUFFIX)
     if target not in MUSCLES:
         raise UnknownNameError("stimulation target", target, sorted(MUSCLES))
     currents, selectivity, safety = read_target(root / DATASET_FILE, MUSCLES[target], settings.side)
-    problem = SelectiveStimulation(
-        target,
-        StimulationSet.build(currents),
-        selectivity,
-        safety,
-        threshold=settings.threshold,
-        log_safety=method.startswith("hdsafebo_local"),
+
+    def problem(rows: StimulationSet) -> SelectiveStimulation:
+        return SelectiveStimulation(
+            target,
+            rows,
+            selectivity,
+            safety,
+            threshold=settings.threshold,
+            log_safety=is_informed(name),
+            name=name,
+        )
+
+    if is_informed(name):
+        return _informed(problem(StimulationSet(currents)), params.tasks.scs.informed.components)
+    file = f"models/embeddings/{settings.embedding}.safetensors"
+    embedding = load_embedding(root / file, input_dim=PIXELS)
+    return _as_in_the_paper(problem(StimulationSet(currents, embedded_rows(embedding))), embedding, file)
+
+
+def _as_in_the_paper(problem: SelectiveStimulation, embedding: Embedding, file: str) -> Task:
+    return Task(
+        problem,
+        lambda initial: embedding,
+        inputs=(DATASET_FILE, file),
+        latent_bounds=embedding.code_box,
+        knowledge=Knowledge(
+            latent_space=(
+                f"{embedding.latent_dim} codes of {embedding.name}, the box of the codes that it was trained "
+                "on"
+            ),
+            candidate_rows=f"{len(problem.candidates):,} rows, their codes as kernel features",
+            safety="g = 1 - the largest activation, as it is",
+        ),
     )
-    embedding_file = f"models/embeddings/{settings.embedding}.safetensors"
 
-    def latent(initial_inputs: FloatArray) -> Codec:
-        return load_embedding(root / embedding_file, input_dim=PIXELS)
 
-    return Task(problem, latent, inputs=(DATASET_FILE, embedding_file))
+def _informed(problem: SelectiveStimulation, components: int) -> Task:
+    codec = ResponseCodec(problem.candidates, components)
+    return Task(
+        problem,
+        lambda initial: codec,
+        inputs=(DATASET_FILE,),
+        latent_bounds=np.stack([codec.codes.min(axis=0), codec.codes.max(axis=0)]),
+        knowledge=Knowledge(
+            latent_space=(
+                f"{components} principal components of the responses of axons "
+                f"({100 * codec.share:.1f} % of their variance), the box of all rows"
+            ),
+            candidate_rows=(
+                f"{len(problem.candidates):,} rows, {problem.candidates.features.shape[1]} logarithms of "
+                "responses of axons as kernel features"
+            ),
+            safety="g = 1 - the largest activation, its logarithm",
+        ),
+    )
+
+
+def embedded_rows(embedding: Embedding) -> Callable[[StimulationSet], FloatArray]:
+    """Kernel features of rows in the paper's setting: their codes, as all methods see them."""
+
+    def features(rows: StimulationSet) -> FloatArray:
+        blocks = np.array_split(np.arange(len(rows)), max(1, len(rows) // _ENCODED_AT_ONCE))
+        return np.concatenate([embedding.encode(rows.inputs(block)) for block in blocks])
+
+    return features
 
 
 def read_target(path: Path, muscle: str, side: str) -> tuple[FloatArray, FloatArray, FloatArray]:

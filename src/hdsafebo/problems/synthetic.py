@@ -79,16 +79,26 @@ class SyntheticProblem(Problem):
         return Evaluation(self._objective(effective), self._safety(effective)[:, None])
 
 
-def make_task(name: str, params: Params, *, method: str, seed: int, root: Path) -> Task:
-    """The task `synthetic`, searched in d principal components of the initial inputs (section 5.1)."""
+def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
+    """The task `synthetic`, searched in d principal components of the initial inputs (section 5.1).
+
+    It has one setting: the paper's is all that is known of a drawn function.
+    """
     from hdsafebo.errors import UnknownNameError
+    from hdsafebo.problems.knowledge import Knowledge
     from hdsafebo.problems.registry import Task
 
     if name != "synthetic":
         raise UnknownNameError("task", name, ["synthetic"])
     settings = params.tasks.synthetic.problem
     problem = SyntheticProblem(seed, **settings.model_dump())
-    return Task(problem, pca_of_initial(settings.latent_dimension))
+    knowledge = Knowledge(
+        latent_space=(
+            f"{settings.latent_dimension} principal components of the initial trials, the box of their codes"
+        ),
+        safety="the safety function as it is",
+    )
+    return Task(problem, pca_of_initial(settings.latent_dimension), knowledge=knowledge)
 
 
 def pca_of_initial(latent_dimension: int) -> Callable[[FloatArray], Codec]:

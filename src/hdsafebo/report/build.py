@@ -6,11 +6,10 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from hdsafebo.report.claims.base import STATUS_LABELS, Claim
+from hdsafebo.report.claims.own import own_claims
 from hdsafebo.report.claims.paper import paper_claims
 from hdsafebo.report.data.inputs import Inputs, read_inputs
 from hdsafebo.report.data.methods import style, task_label
@@ -29,6 +28,7 @@ from hdsafebo.report.sections.assessment import (
     safety_section,
 )
 from hdsafebo.report.sections.base import Details, Section
+from hdsafebo.report.sections.departures import departures_section
 from hdsafebo.report.sections.experiments import (
     ablation_section,
     compared,
@@ -49,11 +49,10 @@ def build_report(
     *,
     profile: str,
     git_revision: str | None,
-    safety_threshold: float,
     planned: Collection[tuple[str, str]] | None = None,
     isometry_points: int | None = None,
     settings: Settings | None = None,
-    field_map: tuple[NDArray[np.float64], str] | None = None,
+    runs: Path | None = None,
     output: Path | None = None,
 ) -> dict[str, Any]:
     """Read the result files below `root` and write the report.
@@ -62,11 +61,10 @@ def build_report(
         root: the project's directory.
         profile: sizes of the run.
         git_revision: of the code; None outside a repository.
-        safety_threshold: g from which a stimulation is safe.
         planned: tasks and methods whose runs are reported; None takes every run file.
         isometry_points: field maps that the isometry check measured distances between.
         settings: how uncertainty is stated.
-        field_map: an example of a field map (52, 14) and the name of its parameters.
+        runs: folder of the run files; None takes `root/data/runs`.
         output: folder of the report; None takes `root/reports`.
 
     Returns:
@@ -75,18 +73,21 @@ def build_report(
     Raises:
         DatasetError: a result file is malformed.
     """
-    runs, left_out = read_planned(root / RUNS, planned)
-    results = Results(runs, settings or Settings())
-    inputs = read_inputs(root, safety_threshold=safety_threshold, field_map=field_map)
+    folder_of_runs = root / RUNS if runs is None else runs
+    files, left_out = read_planned(folder_of_runs, planned)
+    results = Results(files, settings or Settings())
+    inputs = read_inputs(root, folder_of_runs)
     claims = paper_claims(results, inputs.isometry, inputs.stimulation)
+    own = own_claims(results)
     leaders = _leaders(results)
     sections = _sections(results, inputs, isometry_points, root)
     folder = root / "reports" if output is None else output
     for name in ("figures", "tables", "curves"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    page = render(Overview(profile, git_revision, claims, leaders, left_out), sections, folder / "figures")
+    overview = Overview(profile, git_revision, claims, own, leaders, left_out)
+    page = render(overview, sections, folder / "figures")
     (folder / "index.html").write_text(page, encoding="utf-8")
-    for table in [leaders, _claim_table(claims), *_tables(sections)]:
+    for table in [leaders, _claim_table([*own, *claims]), *_tables(sections)]:
         table.write(folder / "tables")
     for task in results.experiments:
         curves = curve_table(results, task)
@@ -111,6 +112,7 @@ def _sections(results: Results, inputs: Inputs, isometry_points: int | None, roo
         safety_section(results),
         runtime_section(results),
         clinical_section(),
+        departures_section(),
         method_section(results),
     ]
 

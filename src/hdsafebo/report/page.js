@@ -12,10 +12,8 @@ for (const panel of document.querySelectorAll("[data-hover]")) {
   const text = (v) => (v === null ? "–" : String(v).replace("-", "\u2212"));
 
   const show = (event) => {
-    const svg = panel.querySelector("svg");
-    const frame = svg.getBoundingClientRect();
-    const scale = frame.width / svg.viewBox.baseVal.width;
-    const share = ((event.clientX - frame.left) / scale - left) / width;
+    const frame = panel.getBoundingClientRect();
+    const share = ((event.clientX - frame.left) / frame.width - left) / width;
     if (share < -0.02 || share > 1.02) { hide(); return; }
     const x = data.x[0] + share * (data.x[1] - data.x[0]);
     tip.replaceChildren();
@@ -34,8 +32,8 @@ for (const panel of document.querySelectorAll("[data-hover]")) {
     const head = document.createElement("div");
     head.textContent = `at ${text(at)}`;
     tip.prepend(head);
-    const place = (left + ((at - data.x[0]) / (data.x[1] - data.x[0])) * width) * scale;
-    guide.style.cssText = `left:${place}px;top:${top * scale}px;height:${height * scale}px`;
+    const place = (left + ((at - data.x[0]) / (data.x[1] - data.x[0])) * width) * frame.width;
+    guide.style.cssText = `left:${place}px;top:${top * frame.height}px;height:${height * frame.height}px`;
     panel.append(guide, tip);
     const flip = place + tip.offsetWidth + 12 > panel.clientWidth;
     tip.style.left = `${Math.max(2, flip ? place - tip.offsetWidth - 8 : place + 8)}px`;

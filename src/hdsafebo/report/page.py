@@ -1,8 +1,8 @@
-"""The page: one HTML file that needs no network."""
+"""The page: one HTML file beside a folder of pictures; it needs no network."""
 
 from __future__ import annotations
 
-import base64
+import hashlib
 import json
 from collections import Counter
 from dataclasses import dataclass
@@ -11,13 +11,15 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from hdsafebo.report.claims.base import STATUS_LABELS, Claim, Status
+from hdsafebo.report.claims.base import OWN_LABELS, STATUS_LABELS, Claim, Status
 from hdsafebo.report.data.inputs import Frame
 from hdsafebo.report.data.methods import DASHES, MethodStyle, style
 from hdsafebo.report.figures.drawing import Picture, save
 from hdsafebo.report.figures.panels import Figure
 from hdsafebo.report.sections.base import Details, Section, Text
 from hdsafebo.report.tables.results import Table
+
+_WIDE_INCHES = 6.25
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class Overview:
         profile: sizes of the run.
         git_revision: of the code; None outside a repository.
         claims: of the paper, with verdicts.
+        own: what this project says of its own method, with verdicts.
         leaders: the best method per task.
         left_out: run files that are there but not part of the report.
     """
@@ -35,6 +38,7 @@ class Overview:
     profile: str
     git_revision: str | None
     claims: list[Claim]
+    own: list[Claim]
     leaders: Table
     left_out: list[str]
 
@@ -56,6 +60,7 @@ def render(overview: Overview, sections: list[Section], figures: Path) -> str:
         blocks=blocks,
         counts=_counts(overview.claims),
         status_labels=STATUS_LABELS,
+        own_labels=OWN_LABELS,
         method_label=lambda name: style(name).label,
         css=Markup(assets.joinpath("page.css").read_text(encoding="utf-8")),
         script=Markup(assets.joinpath("page.js").read_text(encoding="utf-8")),
@@ -80,8 +85,9 @@ def _block(block: Any, figures: Path) -> dict[str, Any]:
     if isinstance(block, Details):
         return {"kind": "details", "title": block.title, "table": block.table}
     if isinstance(block, Frame):
-        data = base64.b64encode(block.data).decode()
-        return {"kind": "frame", "title": block.title, "data": data, "wide": block.is_wide}
+        file = f"frame_{hashlib.sha256(block.data).hexdigest()[:12]}.png"
+        (figures / file).write_bytes(block.data)
+        return {"kind": "frame", "title": block.title, "file": file, "wide": block.is_wide}
     if isinstance(block, Figure):
         return {
             "kind": "figure",
@@ -98,7 +104,27 @@ def _panel(picture: Picture, markup: Any) -> dict[str, Any]:
     if picture.hover is not None:
         text = json.dumps(picture.hover, separators=(",", ":"), allow_nan=False)
         hover = markup(escape(text, quote=False).replace("'", "&#39;"))
-    return {"svg": markup(picture.svg), "hover": hover, "width": round(96 * picture.inches[0])}
+    return {
+        "title": picture.title,
+        "hover": hover,
+        "style": markup(_crop(picture)),
+        "wide": picture.inches[0] > _WIDE_INCHES,
+    }
+
+
+def _crop(picture: Picture) -> str:
+    """CSS that shows one panel of a picture, at any size."""
+    x, y, w, h = picture.place
+
+    def position(start: float, size: float) -> float:
+        return 0.0 if size >= 1 else 100 * start / (1 - size)  # as background-position counts
+
+    width, height = (round(96 * v) for v in picture.inches)
+    return (
+        f"--width:{width}px;aspect-ratio:{width}/{height};background-image:url(figures/{picture.file});"
+        f"background-size:{100 / w:.3f}% {100 / h:.3f}%;"
+        f"background-position:{position(x, w):.3f}% {position(y, h):.3f}%"
+    )
 
 
 _MARKER_SHAPES = {

@@ -35,6 +35,7 @@ COLUMNS = {
     "safety": "float64",
     "safe": "bool",
     "violation": "float64",
+    "modelled_violation": "float64",
     "predicted_safe_probability": "float64",
     "violation_bound": "float64",
     "trust_region_length": "float64",
@@ -42,9 +43,15 @@ COLUMNS = {
     "evaluate_seconds": "float64",
     "status": "str",
     "marked_unsafe": "bool",
+    "repeated": "bool",
     "candidate": "int64",
 }
-"""Columns that every run file has, beside `z`; further safety functions have a float64 column each."""
+"""Columns that every run file has, beside `z`; further safety functions have a float64 column each.
+
+`violation` is of the functions that decide what was safe, in their units; `modelled_violation` of those that
+a model was fitted to, as it was fitted to them, so that `violation_bound` speaks of the same. A trial is
+`repeated` when its point was tried before in the same run.
+"""
 
 
 class Counts(BaseModel):
@@ -78,9 +85,12 @@ class RunCounts(Counts):
 
     Attributes:
         abstained: why the method ended before the trials were used up; None if it did not.
+        certified: points of the method's own discretisation that it certified, at most in any round; None for
+            methods that certify none.
     """
 
     abstained: str | None
+    certified: int | None = None
 
 
 class RunMetadata(BaseModel):
@@ -104,6 +114,8 @@ class RunMetadata(BaseModel):
         counts: one per run, in the same order.
         space: what was searched, the codes of an embedding or the problem's own inputs.
         dimension: number of searched coordinates.
+        given: what the task gave to its methods, by name, see `problems.knowledge`.
+        unused: names of what was given and the method does not use.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -125,6 +137,8 @@ class RunMetadata(BaseModel):
     counts: list[RunCounts]
     space: Space
     dimension: int
+    given: dict[str, str] = {}
+    unused: list[str] = []
 
 
 def run_name(task: str, method: str) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.files.atomic import replacing
@@ -25,6 +26,7 @@ from hdsafebo.runs.schema import (
     safety_columns,
 )
 from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import FloatArray
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -53,6 +55,7 @@ def rows_of(
         **safety,
         "safe": problem.is_safe(trials.safety),
         "violation": problem.violation(trials.safety),
+        "modelled_violation": modelled_violation(problem, trials.safety),
         "predicted_safe_probability": trials.predicted_safe_probability,
         "violation_bound": trials.violation_bound,
         "trust_region_length": trials.trust_region_length,
@@ -63,6 +66,26 @@ def rows_of(
         "candidate": trials.candidate.astype(np.int64),
         "z": trials.z.astype(np.float32),
     }
+
+
+def modelled_violation(problem: Problem, safety: FloatArray) -> FloatArray:
+    """(n,) sum over modelled safety functions of max(0, h - g), both as they are modelled."""
+    modelled = [(j, s) for j, s in enumerate(problem.safety) if s.modelled]
+    total = np.zeros(len(safety))
+    for j, function in modelled:
+        values, threshold = safety[:, j], np.array([function.threshold])
+        if function.transform is not None:
+            values, threshold = function.transform(values), function.transform(threshold)
+        total += np.maximum(0.0, threshold - values)
+    return total
+
+
+def repeats(z: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(k,) True for rows of (k, d) points that equal an earlier one."""
+    _, first = np.unique(z, axis=0, return_index=True)
+    again = np.ones(len(z), bool)
+    again[first] = False
+    return again
 
 
 def join_rows(parts: Sequence[Rows]) -> Rows:
@@ -92,7 +115,8 @@ def _table(runs: Sequence[Rows], metadata: RunMetadata) -> pa.Table:
     import pyarrow as pa
 
     columns: dict[str, pa.Array] = {}
-    for name, joined in join_rows(runs).items():
+    rows = join_rows([run | {"repeated": repeats(run["z"])} for run in runs])
+    for name, joined in rows.items():
         if name == "z":
             offsets = np.arange(0, joined.size + 1, joined.shape[1], dtype=np.int32)
             columns[name] = pa.ListArray.from_arrays(offsets, joined.ravel(), type=arrow_type(name))

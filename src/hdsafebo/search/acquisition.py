@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import fmin_l_bfgs_b
 from scipy.special import erfcx, log_ndtr
 
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 Acquisition = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Takes (r, d) points, gives (r,) values and (r, d) gradients."""
@@ -22,8 +22,8 @@ _FAR = -1e3
 
 
 def log_expected_improvement(
-    mean: FloatArray, sd: FloatArray, best: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+    mean: Shaped[FloatArray, " n"], sd: Shaped[FloatArray, " n"], best: float
+) -> tuple[Shaped[FloatArray, " n"], Shaped[FloatArray, " n"], Shaped[FloatArray, " n"]]:
     """log E[max(0, f - best)] for f ~ N(mean, sd^2), and its derivatives in `mean` and in `sd`.
 
     Args:
@@ -37,8 +37,8 @@ def log_expected_improvement(
 
 
 def log_feasibility(
-    mean: FloatArray, sd: FloatArray, threshold: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+    mean: Shaped[FloatArray, " n"], sd: Shaped[FloatArray, " n"], threshold: float
+) -> tuple[Shaped[FloatArray, " n"], Shaped[FloatArray, " n"], Shaped[FloatArray, " n"]]:
     """log Pr(g >= threshold) for g ~ N(mean, sd^2), and its derivatives in `mean` and in `sd`."""
     v = (mean - threshold) / sd
     value = log_ndtr(v)
@@ -48,11 +48,11 @@ def log_feasibility(
 
 def maximise(
     acquisition: Acquisition,
-    starts: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
+    starts: Shaped[FloatArray, "s d"],
+    lower: Shaped[FloatArray, " d"],
+    upper: Shaped[FloatArray, " d"],
     max_iterations: int = 50,
-) -> tuple[FloatArray, float]:
+) -> tuple[Shaped[FloatArray, " d"], float]:
     """Best point of a box that L-BFGS-B finds from several starts, ascended together.
 
     Args:
@@ -80,7 +80,7 @@ def maximise(
     return ends[winner], float(values[winner])
 
 
-def _log_h(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _log_h(u: Shaped[FloatArray, " n"]) -> tuple[Shaped[FloatArray, " n"], Shaped[FloatArray, " n"]]:
     """log h(u) and h'(u) / h(u) of h(u) = phi(u) + u Phi(u), through Mills' ratio R = Phi / phi."""
     far = u < _FAR
     v = np.where(far, -1.0, u)

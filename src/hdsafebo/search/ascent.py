@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hdsafebo.search.metric import Metric
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import BoolArray, FloatArray, Shaped
 
 ValueAndGradient = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -24,12 +23,12 @@ _TINY = 1e-12
 def ascend(
     value: ValueAndGradient,
     slack: ValueAndGradient,
-    start: FloatArray,
-    centre: FloatArray,
-    radius: FloatArray,
+    start: Shaped[FloatArray, "n d"],
+    centre: Shaped[FloatArray, "*c d"],
+    radius: Shaped[FloatArray, " n"],
     metric: Metric,
     steps: int,
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[Shaped[FloatArray, "n d"], Shaped[BoolArray, " n"]]:
     """Climb n functions at once, each from its own start, and keep the best safe point on each way.
 
     A step follows the gradient of the value, corrected so that the safety margin, taken as linear, does not
@@ -66,7 +65,12 @@ def ascend(
     return best, np.isfinite(best_value)
 
 
-def _safe_step(step: FloatArray, margin: FloatArray, inward: FloatArray, metric: Metric) -> FloatArray:
+def _safe_step(
+    step: Shaped[FloatArray, "n d"],
+    margin: Shaped[FloatArray, " n"],
+    inward: Shaped[FloatArray, "n d"],
+    metric: Metric,
+) -> Shaped[FloatArray, "n d"]:
     """(n, d) steps, turned inwards as far as it takes for the linearised margin not to become negative.
 
     Args:
@@ -82,7 +86,12 @@ def _safe_step(step: FloatArray, margin: FloatArray, inward: FloatArray, metric:
     return step + length[:, None] * back
 
 
-def _into_ball(u: FloatArray, centre: FloatArray, radius: FloatArray, metric: Metric) -> FloatArray:
+def _into_ball(
+    u: Shaped[FloatArray, "n d"],
+    centre: Shaped[FloatArray, "*c d"],
+    radius: Shaped[FloatArray, " n"],
+    metric: Metric,
+) -> Shaped[FloatArray, "n d"]:
     step = u - centre
     inside = centre + step * np.minimum(1.0, radius[:, None] / np.maximum(metric.length(step), _TINY))
     return np.clip(inside, 0.0, 1.0)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import qmc
 
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 _PERTURBED = 20
 """How many coordinates of the centre a candidate changes on average (TuRBO, supplement)."""
 
 
-def sobol_points(n: int, dimension: int, rng: np.random.Generator) -> FloatArray:
+def sobol_points(n: int, dimension: int, rng: np.random.Generator) -> Shaped[FloatArray, "n d"]:
     """(n, d) points of a scrambled Sobol sequence in the unit cube."""
     # A seed is drawn, since SciPy would spawn a child of `rng`, which saving its state would not remember.
     sequence = qmc.Sobol(dimension, scramble=True, rng=int(rng.integers(2**63)))
@@ -21,8 +21,11 @@ def sobol_points(n: int, dimension: int, rng: np.random.Generator) -> FloatArray
 
 
 def box_candidates(
-    centre: FloatArray, half_sides: FloatArray, count: int, rng: np.random.Generator
-) -> FloatArray:
+    centre: Shaped[FloatArray, " d"],
+    half_sides: Shaped[FloatArray, " *h"],
+    count: int,
+    rng: np.random.Generator,
+) -> Shaped[FloatArray, "c d"]:
     """(count, d) points of the box around a point of the unit cube.
 
     Scrambled Sobol points, of which each keeps the centre's value in all but some 20 coordinates: in high

@@ -10,10 +10,10 @@ import numpy as np
 from hdsafebo.errors import ProblemError
 from hdsafebo.problem import Codec, LinearCodec, LinearFeatures, Problem
 from hdsafebo.search.space import SearchSpace
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 _AFFINE_TOLERANCE = 1e-6
-_BLOCK = 256
+_BLOCK = 512  # unit vectors that features are probed with at once
 _TINY = 1e-12  # least length that a step is divided by
 
 
@@ -27,7 +27,7 @@ class Metric:
     """
 
     matrix: FloatArray
-    offset: FloatArray
+    offset: Shaped[FloatArray, " p"]
 
     @cached_property
     def hides_directions(self) -> bool:
@@ -37,27 +37,27 @@ class Metric:
         varying = int(self.matrix.any(axis=0).sum())
         return len(self.matrix) < varying or int(np.linalg.matrix_rank(self.matrix)) < varying
 
-    def inputs(self, u: FloatArray) -> FloatArray:
+    def inputs(self, u: Shaped[FloatArray, "n d"]) -> Shaped[FloatArray, "n p"]:
         """(n, p) kernel inputs of (n, d) points of the unit cube."""
         return self.offset + self.push_forward(u)
 
-    def pull_back(self, gradient: FloatArray) -> FloatArray:
+    def pull_back(self, gradient: Shaped[FloatArray, "n p"]) -> Shaped[FloatArray, "n d"]:
         """(n, d) gradients in the unit cube of (n, p) gradients in the kernel inputs."""
         return gradient * self.matrix if self.matrix.ndim == 1 else gradient @ self.matrix
 
-    def push_forward(self, step: FloatArray) -> FloatArray:
+    def push_forward(self, step: Shaped[FloatArray, "n d"]) -> Shaped[FloatArray, "n p"]:
         """(n, p) steps in kernel inputs of (n, d) steps in the unit cube."""
         return step * self.matrix if self.matrix.ndim == 1 else step @ self.matrix.T
 
-    def inner(self, a: FloatArray, b: FloatArray) -> FloatArray:
+    def inner(self, a: Shaped[FloatArray, "n d"], b: Shaped[FloatArray, "n d"]) -> Shaped[FloatArray, "n 1"]:
         """(n, 1) inner products, in kernel inputs, of (n, d) steps in the unit cube."""
         return np.einsum("ij,ij->i", self.push_forward(a), self.push_forward(b))[:, None]
 
-    def length(self, step: FloatArray) -> FloatArray:
+    def length(self, step: Shaped[FloatArray, "n d"]) -> Shaped[FloatArray, "n 1"]:
         """(n, 1) lengths in kernel inputs of (n, d) steps in the unit cube."""
         return np.linalg.norm(self.push_forward(step), axis=1, keepdims=True)
 
-    def normalised(self, step: FloatArray) -> FloatArray:
+    def normalised(self, step: Shaped[FloatArray, "n d"]) -> Shaped[FloatArray, "n d"]:
         """(n, d) steps of length one."""
         return step / np.maximum(self.length(step), _TINY)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hdsafebo.errors import ProblemError
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, Shaped
 
 
 class SearchSpace:
@@ -66,11 +66,11 @@ class SearchSpace:
         """d."""
         return len(self.width)
 
-    def to_unit(self, z: FloatArray) -> FloatArray:
+    def to_unit(self, z: Shaped[FloatArray, "n d"]) -> Shaped[FloatArray, "n d"]:
         """(n, d) unit-cube coordinates of codes; codes outside the box lie outside the cube."""
         return (z - self.lower) / self.unit
 
-    def to_code(self, u: FloatArray) -> FloatArray:
+    def to_code(self, u: Shaped[FloatArray, "n d"]) -> Shaped[FloatArray, "n d"]:
         """(n, d) codes of unit-cube coordinates, rounded into the box."""
         return np.asarray(np.clip(self.lower + u * self.width, self.lower, self.lower + self.width))
 
@@ -79,7 +79,7 @@ class SearchSpace:
         values = (codes - self.lower[list(dimensions)]) / self.unit[list(dimensions)]
         self._held = dict(zip(dimensions, values.tolist(), strict=True))
 
-    def pinned(self, u: FloatArray) -> FloatArray:
+    def pinned(self, u: Shaped[FloatArray, "n d"]) -> Shaped[FloatArray, "n d"]:
         """(n, d) points of the unit cube where the given ones would be evaluated.
 
         They are at 0 in dimensions of zero width, at what is held in the dimensions that are, and landed.
@@ -91,10 +91,10 @@ class SearchSpace:
             u = np.where(self.width > 0, u, 0.0)
         return u if self._land is None else self.to_unit(self._land(self.to_code(u)))
 
-    def kernel_inputs(self, u: FloatArray) -> FloatArray:
+    def kernel_inputs(self, u: Shaped[FloatArray, "n d"]) -> Shaped[FloatArray, "n d"]:
         """(n, d) what the kernel measures distances between."""
         return u * self.metric
 
-    def from_kernel_inputs(self, k: FloatArray) -> FloatArray:
+    def from_kernel_inputs(self, k: Shaped[FloatArray, "n d"]) -> Shaped[FloatArray, "n d"]:
         """Inverse of `kernel_inputs`."""
         return k / self.metric

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import uuid
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from hdsafebo import __version__
 from hdsafebo.session.advice.advisor import Advisor
 from hdsafebo.session.advice.setup import make_search, make_space
 from hdsafebo.session.definition import load_definition, parse_definition
@@ -54,7 +54,7 @@ def create_session(
         "definition": definition.model_dump(mode="json"),
         "files": {role: {"name": f.name, "sha256": digest(f.content)} for role, f in files.items()},
         "initial": rows,
-        "version": __version__,
+        "version": version("hdsafebo"),
         "source": str(definition_path.absolute()),
     }
     _rehearse(payload, files)

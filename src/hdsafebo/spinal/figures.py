@@ -10,6 +10,7 @@ import pyarrow as pa
 from matplotlib.colors import ListedColormap, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from hdsafebo.spinal.activating_function import along_fibres
@@ -86,7 +87,9 @@ def potential_figure(field: LeadField, polarity: NDArray[np.int8], current: floa
     reach = np.geomspace(1e-3, 1, 25) * np.abs(values).max()
     levels = np.concatenate([-reach[::-1], reach])
     scale = SymLogNorm(reach[0], vmin=levels[0], vmax=levels[-1])
-    filled = axes.tricontourf(x, y, field.triangles.T, values, levels=levels, cmap="RdBu_r", norm=scale)
+    filled = axes.tricontourf(
+        Triangulation(x, y, field.triangles.T), values, levels=levels, cmap="RdBu_r", norm=scale
+    )
     for index in range(len(field.tissues)):
         inside = field.tissue == index
         outline = _outline(field.triangles[:, inside])

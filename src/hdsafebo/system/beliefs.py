@@ -12,7 +12,7 @@ from hdsafebo.gp.safe_set import safe_probability
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.optimizers.core.contexts import in_context
 from hdsafebo.search.candidates import sobol_points
-from hdsafebo.system.problem import SystemProblem
+from hdsafebo.system.problem import SettingsList, SystemProblem
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
 
@@ -72,7 +72,8 @@ class Best:
 def pending(optimizer: Optimizer, x: FloatArray) -> Trials:
     """Trials at (n, D) points of the box, to be looked at only."""
     problem = optimizer.problem
-    rows = problem.candidates.rows_of(x) if hasattr(problem.candidates, "rows_of") else np.full(len(x), -1)
+    candidates = problem.candidates
+    rows = candidates.rows_of(x) if isinstance(candidates, SettingsList) else np.full(len(x), -1)
     return Trials.pending(x, x.copy(), len(problem.safety), candidate=rows)
 
 

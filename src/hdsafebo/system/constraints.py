@@ -83,7 +83,7 @@ class Linear:
             ) from None
         total = {name: left.get(name, 0.0) - right.get(name, 0.0) for name in left | right}
         limit = -total.pop("", 0.0)
-        return cls({name: weight for name, weight in total.items() if weight != 0}, **{kind: limit})  # type: ignore[arg-type]
+        return cls({name: weight for name, weight in total.items() if weight != 0}, **{kind: limit})
 
     @property
     def left(self) -> str:
@@ -106,8 +106,10 @@ def _terms(node: ast.expr) -> dict[str, float]:
     """Coefficients of a linear sum; the constant under the empty name."""
     if isinstance(node, ast.Name):
         return {node.id: 1.0}
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        return {"": float(node.value)}
+    if isinstance(node, ast.Constant):
+        if isinstance(node.value, int | float) and not isinstance(node.value, bool):
+            return {"": float(node.value)}
+        raise ValueError(f"{node.value!r} is no number")
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
         sign = -1.0 if isinstance(node.op, ast.USub) else 1.0
         return {name: sign * w for name, w in _terms(node.operand).items()}

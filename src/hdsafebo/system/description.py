@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import yaml
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from hdsafebo.system.constraints import Feasible, Linear, as_linear
@@ -158,16 +157,14 @@ class System:
         Raises:
             WriteError: the file cannot be written.
         """
-        from hdsafebo.files.atomic import replacing
+        from hdsafebo.files.atomic import WriteError, write_json
+        from hdsafebo.files.yaml import write_mapping
 
         path = Path(path)
-        data = self.to_dict()
         if path.suffix == ".json":
-            text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+            write_json(path, self.to_dict())
         else:
-            text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
-        with replacing(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+            write_mapping(path, self.to_dict(), WriteError)
 
 
 @dataclass(frozen=True)
@@ -200,8 +197,9 @@ class _Description:
         )
 
 
-for _kind in (Real, Integer, Choice, Fixed, Objective, Limit, Linear):
-    _kind.__pydantic_config__ = ConfigDict(extra="forbid", strict=False)  # type: ignore[attr-defined]
+_PARTS: tuple[Any, ...] = (Real, Integer, Choice, Fixed, Objective, Limit, Linear)
+for _part in _PARTS:
+    _part.__pydantic_config__ = ConfigDict(extra="forbid")
 _ADAPTER: TypeAdapter[_Description] = TypeAdapter(_Description)
 
 

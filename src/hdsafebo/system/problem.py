@@ -65,6 +65,10 @@ class SettingsList:
             raise DescriptionError(f"settings: rows {same.tolist()[:10]} are the same; expected each once")
         self.context = np.zeros(len(codec.contexts))
 
+    def __len__(self) -> int:
+        """N."""
+        return len(self.settings)
+
     @property
     def features(self) -> FloatArray:
         """(N, D) inputs under the held context."""

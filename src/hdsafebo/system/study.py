@@ -437,8 +437,9 @@ class Study:
 
     def _table(self, table: Table) -> tuple[list[int], dict[str, list[Any]]]:
         columns = columns_of(table, "the table")
-        if TRIAL not in columns and getattr(getattr(table, "index", None), "name", None) == TRIAL:
-            columns[TRIAL] = list(table.index)  # type: ignore[union-attr]
+        index: Any = getattr(table, "index", None)
+        if TRIAL not in columns and getattr(index, "name", None) == TRIAL:
+            columns[TRIAL] = list(index)
         outcomes = [] if STATUS in columns else list(self.system.outcomes)
         shown = [*self.system.inputs, SAFE_PROBABILITY, "marked_unsafe"]
         require(columns, [TRIAL, *outcomes], [*result_names(self.system), *shown], "the table")

@@ -133,7 +133,7 @@ def measured(system: System, columns: Mapping[str, Sequence[Any]], n: int) -> Me
             assert given is not None
             what = f"row {i}: {name}"
             try:
-                values[name][i] = finite(given[i], what, TableError)
+                values[name][i] = finite(given[int(i)], what, TableError)
             except TableError as error:
                 raise TableError(f"{error} (a trial without a result is told as failed)") from None
         noise[name] = _noise(name, columns.get(name + NOISE), n)

@@ -9,11 +9,12 @@ from optimizers.toy import bowl_problem, observe_initial, run_rounds
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 
 
-def test_value_is_that_of_botorch() -> None:
+@pytest.mark.parametrize("kernel", ["matern52", "rbf"])
+def test_value_is_that_of_botorch(kernel: str) -> None:
     torch = pytest.importorskip("torch")
     from botorch.acquisition.analytic import LogConstrainedExpectedImprovement
 
-    optimizer = CeiProb(bowl_problem(), seed=0)
+    optimizer = CeiProb(bowl_problem(), seed=0, kernel=kernel)
     observe_initial(optimizer, 20)
     processes, best = optimizer._processes(), float(optimizer.best().objective)
     q = np.random.default_rng(0).random((10, 4))
@@ -45,7 +46,7 @@ def test_finds_the_constrained_optimum(kind) -> None:
 
 @pytest.mark.parametrize("kind", [CeiProb, Cei])
 def test_seeks_feasibility_first(kind) -> None:
-    optimizer = kind(bowl_problem(threshold=0.2), seed=0)
+    optimizer = kind(bowl_problem(threshold=0.2), seed=0, empty_safe_set="mark")
     x = np.random.default_rng(1).uniform(0.7, 1.0, (15, 4))
     optimizer.observe(x, *optimizer.problem.function(x), initial=True)
     assert optimizer.best() is None

@@ -46,6 +46,6 @@ def test_abstains_when_nothing_is_believed_safe(kind) -> None:
 
 @pytest.mark.parametrize("kind", [LineBO, Config])
 def test_marks_what_it_does_not_believe_safe(kind) -> None:
-    optimizer = kind(bowl_problem(), seed=0, beta=-60.0)
+    optimizer = kind(bowl_problem(), seed=0, beta=-60.0, empty_safe_set="mark")
     observe_initial(optimizer, 20)
     assert optimizer.ask(5).marked_unsafe.any()

@@ -61,14 +61,16 @@ def test_resumes_to_the_bit(name: str, tmp_path) -> None:
 
 
 def test_the_centre_follows_the_context() -> None:
-    optimizer = make("hdsafebo_local", contextual())
-    x = np.array([[0.2, 0.2, 0.1], [0.45, 0.45, 0.1]])
+    problem = contextual()
+    problem.safety = (Safety("room", -5.0),)  # both are safe under both contexts
+    optimizer = make("hdsafebo_local", problem)
+    x = np.array([[0.3, 0.3, 0.1], [0.5, 0.5, 0.1], [0.3, 0.3, 0.6], [0.5, 0.5, 0.6]])
     optimizer.observe(x, *function(x))
     rows = {}
-    for context in (0.0, 0.25):
+    for context in (0.0, 0.5):
         optimizer.ask(1, context=[context])
         rows[context] = optimizer.trials.x[optimizer.centre_row(), :2].mean()
-    assert rows[0.0] < rows[0.25]
+    assert rows[0.0] < 0.4 < rows[0.5]
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ def test_functions_that_are_neither_modelled_nor_reported_bind_nobody() -> None:
 
 
 def test_least_violation_counts_what_binds() -> None:
-    optimizer = LocalRandom(problem())
+    optimizer = LocalRandom(problem(), empty_safe_set="mark")
     safety = [[-2.0, 1.0, 1.0], [-1.0, 1.0, -50.0]]
     optimizer.observe([[0.1, 0.0], [0.2, 0.0]], [1.0, 2.0], safety, initial=True)
     assert optimizer.centre_row() == 1

@@ -17,7 +17,7 @@ from hdsafebo.optimizers.registry import make_optimizer
 from hdsafebo.trials import Status
 from optimizers.toy import Halving, bowl, bowl_problem, observe_initial, rows_problem, run_rounds
 
-METHODS = ("hdsafebo", "hdsafebo_local", "hdsafebo_literal", "safeopt", "config", "linebo")
+METHODS = ("hdsafebo", "hdsafebo_local", "hdsafebo_length_scales", "safeopt", "config", "linebo")
 
 
 def test_the_nearest_to_the_best_feasible_trial_are_kept() -> None:

@@ -128,7 +128,7 @@ def test_codes_that_the_encoder_does_not_give_back(tmp_path: Path) -> None:
             return 1.9 * z
 
     box = [[0.0] * 4, [0.5] * 4]
-    made = HdSafeBO(bowl_problem(), embedding=Lossy(), bounds=box, seed=1)
+    made = HdSafeBO(bowl_problem(), embedding=Lossy(), bounds=box, seed=1, empty_safe_set="mark")
     observe_initial(made, 4)
     run_rounds(made, 2)
     made.save(tmp_path / "state")

@@ -12,6 +12,7 @@ from optimizers.toy import Halving, bowl_problem, observe_initial, run_rounds
 
 def ascending(problem: FunctionProblem, **options) -> HdSafeBOLocal:
     """Codes of half the size are searched; kernel inputs are those of the unit cube."""
+    options = {"empty_safe_set": "mark"} | options
     made = HdSafeBOLocal(problem, embedding=Halving(), bounds=problem.bounds / 2, **options)
     assert type(made.search) is AscentSearch
     return made
@@ -139,7 +140,7 @@ class TestFeatures:
         np.testing.assert_allclose(optimizer.kernel_inputs(trials), trials.x @ self.matrix.T + 7.0)
 
     def test_radii_are_lengths_of_features(self) -> None:
-        optimizer = HdSafeBOLocal(self.problem(), seed=1)
+        optimizer = HdSafeBOLocal(self.problem(), seed=1, empty_safe_set="mark")
         observe_initial(optimizer, 40)
         run_rounds(optimizer, 1, 10)
         centre = optimizer.kernel_inputs(optimizer.trials[[optimizer.best().id]])

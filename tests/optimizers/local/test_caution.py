@@ -54,7 +54,7 @@ def violations(seed: int) -> float:
         return level, np.where(level < 0.5, 1.0, -0.2)
 
     problem = FunctionProblem(cliff, np.stack([np.zeros(6), np.ones(6)]), [Safety("held", 0.0)])
-    optimizer = HdSafeBOLocal(problem, seed=seed, embedding=Halving())
+    optimizer = HdSafeBOLocal(problem, seed=seed, embedding=Halving(), empty_safe_set="mark")
     x = np.random.default_rng(seed).uniform(0, 1, (40, 6)) * np.array([0.6, 1, 1, 1, 1, 1])
     optimizer.observe(x, *cliff(x), initial=True)
     for _ in range(8):

@@ -22,7 +22,7 @@ def hiding(threshold: float = 0.0, dimension: int = 4) -> HdSafeBOLocal:
     matrix = np.zeros((3, dimension))
     matrix[:, :4] = np.vstack([np.eye(4)[:2], [0.0, 0.0, 1.0, -1.0]])
     problem.features = lambda x: x @ matrix.T
-    made = HdSafeBOLocal(problem, seed=3)
+    made = HdSafeBOLocal(problem, seed=3, empty_safe_set="mark")
     assert type(made.search) is HiddenSearch
     return made
 

@@ -128,12 +128,12 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_single_trials_climb_the_other_hill_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    several = climb_hills(0)
+    several = climb_hills(3)
     assert several.trials.objective.max() == pytest.approx(1.5, abs=0.01)
     assert climbs_of(several).tops
     assert not several.trials.marked_unsafe.any()
     monkeypatch.setattr("hdsafebo.optimizers.local.restarts.PATIENCE", 1000)
-    once = climb_hills(0)
+    once = climb_hills(3)
     assert once.trials.objective.max() == pytest.approx(1.0, abs=0.01)
     assert (climbs_of(once).search.since, climbs_of(once).tops) == (0, ())
 

@@ -84,7 +84,7 @@ def test_inputs_outside_the_set_count_as_their_nearest_row() -> None:
 
 
 def test_last_rows() -> None:
-    optimizer = HdSafeBOLocal(rows_problem(30))
+    optimizer = HdSafeBOLocal(rows_problem(30), empty_safe_set="mark")
     observe_initial(optimizer, 10)
     assert sorted(optimizer.ask(20).candidate) == sorted(
         set(range(30)) - set(optimizer.trials.candidate[:10])

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
-from hdsafebo.errors import ProblemError
+from hdsafebo.errors import ParamsError, ProblemError
+from hdsafebo.files.yaml import write_mapping
 from hdsafebo.session.advice.shortlist import HdSafeBOShortlist
 from hdsafebo.session.create import create_session
 from hdsafebo.session.session import Session
@@ -71,7 +71,7 @@ def test_hyperparameters_are_searched_every_few_trials(make_session: Callable[..
 
 def test_it_needs_a_finite_set(tmp_path: Path) -> None:
     definition, initial = write_box_files(tmp_path)
-    definition.write_text(yaml.safe_dump(box_definition() | {"method": METHOD}))
+    write_mapping(definition, box_definition() | {"method": METHOD}, ParamsError)
     with pytest.raises(ProblemError, match="searches the finite set of a session"):
         create_session(tmp_path / "s", definition, who="ann", initial=initial)
 

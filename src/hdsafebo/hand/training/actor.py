@@ -17,7 +17,7 @@ from safetensors.numpy import load_file, save_file
 
 from hdsafebo.errors import HandModelError
 
-FloatArray = NDArray[np.float32]
+SingleArray = NDArray[np.float32]
 MEAN_LIMIT = 2.0
 """stable-baselines3 limits the mean before the tanh to this (`clip_mean`)."""
 
@@ -32,15 +32,15 @@ class Actor:
         log_std: (hidden, actions) of the exploration matrix.
     """
 
-    hidden: tuple[tuple[FloatArray, FloatArray], ...]
-    mean: tuple[FloatArray, FloatArray]
-    log_std: FloatArray
+    hidden: tuple[tuple[SingleArray, SingleArray], ...]
+    mean: tuple[SingleArray, SingleArray]
+    log_std: SingleArray
 
-    def exploration(self, rng: np.random.Generator) -> FloatArray:
+    def exploration(self, rng: np.random.Generator) -> SingleArray:
         """(hidden, actions) a matrix that makes the noise a smooth function of the state."""
         return (rng.standard_normal(self.log_std.shape) * np.exp(self.log_std)).astype(np.float32)
 
-    def action(self, observation: FloatArray, exploration: FloatArray | None = None) -> FloatArray:
+    def action(self, observation: SingleArray, exploration: SingleArray | None = None) -> SingleArray:
         """(actions,) in [-1, 1]; the mean action when there is no exploration matrix."""
         features = observation
         for weight, bias in self.hidden:
@@ -49,7 +49,7 @@ class Actor:
         raw = np.clip(weight @ features + bias, -MEAN_LIMIT, MEAN_LIMIT)
         return np.asarray(np.tanh(raw if exploration is None else raw + features @ exploration), np.float32)
 
-    def tensors(self) -> dict[str, FloatArray]:
+    def tensors(self) -> dict[str, SingleArray]:
         """The weights by name."""
         named = {"log_std": self.log_std, "mean.weight": self.mean[0], "mean.bias": self.mean[1]}
         for index, (weight, bias) in enumerate(self.hidden):
@@ -57,7 +57,7 @@ class Actor:
         return named
 
     @classmethod
-    def from_tensors(cls, named: Mapping[str, FloatArray]) -> Actor:
+    def from_tensors(cls, named: Mapping[str, SingleArray]) -> Actor:
         """The actor with these weights.
 
         Raises:
@@ -105,7 +105,7 @@ def load_actors(path: Path) -> dict[str, Actor]:
         tensors = load_file(path)
     except (OSError, SafetensorError) as error:
         raise HandModelError(f"{path}: cannot be read as actors: {error}") from None
-    named: dict[str, dict[str, FloatArray]] = {}
+    named: dict[str, dict[str, SingleArray]] = {}
     for key, value in tensors.items():
         name, _, tensor = key.rpartition("/")
         named.setdefault(name, {})[tensor] = value

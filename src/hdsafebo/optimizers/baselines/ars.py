@@ -37,7 +37,7 @@ class ArsSettings(CentreSettings):
     best: float = Field(default=0.5, gt=0, le=1)
 
 
-class Ars(Optimizer):
+class Ars(Optimizer[ArsSettings]):
     """See the module. Half a batch are directions, the other half their opposites.
 
     The search starts from the best safe trial. The last direction of an odd batch has no opposite and decides
@@ -47,10 +47,9 @@ class Ars(Optimizer):
 
     name = "ars"
     Settings = ArsSettings
-    settings: ArsSettings
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def prepare(self) -> None:
+        """No policy before the first round."""
         self._policy: FloatArray | None = None
 
     def propose(self, n: int) -> Proposal:

@@ -1,15 +1,16 @@
-"""Constrained expected improvement, with BoTorch's present default models."""
+"""Constrained expected improvement, with the paper's kernel or BoTorch's present default models."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.gp.ard import BOTORCH_DEFAULT
+from hdsafebo.gp.ard import BOTORCH_DEFAULT, Kernel
 from hdsafebo.gp.ard_process import ArdProcess, BelievedPool, WarmStart
 from hdsafebo.gp.surrogate import modelled_safety, modelled_thresholds
 from hdsafebo.optimizers.base import Optimizer, Proposal
@@ -40,7 +41,17 @@ _Term = Callable[[FloatArray, FloatArray, float], tuple[FloatArray, FloatArray, 
 P = TypeVar("P")
 
 
-class CeiProb(Optimizer[SafeSetSettings]):
+class CeiSettings(SafeSetSettings):
+    """Settings of `cei` and `cei_prob`.
+
+    Attributes:
+        kernel: "matern52" is the paper's kernel for all methods, "rbf" BoTorch's default.
+    """
+
+    kernel: Kernel = "matern52"
+
+
+class CeiProb(Optimizer[CeiSettings]):
     """Expected improvement times probability of feasibility (Schonlau et al. 1998; Gardner et al. 2014).
 
     In logarithms, log EI + sum_j log Pr(g_j >= h_j), as BoTorch's `LogConstrainedExpectedImprovement`. The
@@ -48,15 +59,16 @@ class CeiProb(Optimizer[SafeSetSettings]):
     under evaluation, were their means. The improvement counts from the best feasible outcome; while there is
     none, only feasibility is maximised.
 
-    The models are those of `botorch.models.SingleTaskGP` without arguments: squared-exponential kernel,
-    one length scale per dimension with the dimension-scaled prior (Hvarfner et al. 2024), standardised
-    outcomes. What a trial carries of safety comes from the common surrogate, as for all methods: the
-    acquisition function weighs feasibility and demands none, so trials that the surrogate does not believe
-    safe are marked, or left out (`empty_safe_set`).
+    The models are those of `botorch.models.SingleTaskGP`: one length scale per dimension with the
+    dimension-scaled prior (Hvarfner et al. 2024), standardised outcomes. The kernel is the paper's
+    Matern-5/2, or BoTorch's default, the squared exponential (`kernel`). What a trial carries of safety comes
+    from the common surrogate, as for all methods: the acquisition function weighs feasibility and demands
+    none, so trials that the surrogate does not believe safe are marked, or left out (`empty_safe_set`).
     """
 
     name = "cei_prob"
-    Settings = SafeSetSettings
+    Settings = CeiSettings
+    uses = frozenset({"latent_space", "safety"})  # a length scale for each searched coordinate
 
     def prepare(self) -> None:
         """No fits yet."""
@@ -83,7 +95,8 @@ class CeiProb(Optimizer[SafeSetSettings]):
             self.problem.safety
         )
         named = {"objective": trials.objective} | {f"safety{j}": margin for j, margin in enumerate(margins.T)}
-        return [self._warm.process(name, x, y, BOTORCH_DEFAULT) for name, y in named.items()]
+        model = replace(BOTORCH_DEFAULT, kernel=self.settings.kernel)
+        return [self._warm.process(name, x, y, model) for name, y in named.items()]
 
     def _greedy_batch(self, processes: list[ArdProcess], n: int) -> FloatArray:
         """(n, d) points, each given the believed outcomes of those before it."""
@@ -181,18 +194,32 @@ def _terms(posteriors: list[P], best: float | None) -> list[tuple[P, _Term, floa
 
 
 def default_models(processes: list[ArdProcess]) -> ModelListGP:
-    """BoTorch's default models with the fitted hyper-parameters."""
+    """BoTorch's default models, or those with a Matern-5/2 kernel, with the fitted hyper-parameters."""
     import torch
     from botorch.models import ModelListGP, SingleTaskGP
+    from gpytorch.kernels import MaternKernel
 
     models = []
     for process in processes:
-        model = SingleTaskGP(torch.from_numpy(process.x), torch.from_numpy(process.y)[:, None])
+        x, y = torch.from_numpy(process.x), torch.from_numpy(process.y)[:, None]
+        kernel = None
+        if process.model.kernel == "matern52":
+            kernel = MaternKernel(nu=2.5, ard_num_dims=x.shape[1])
+        model = SingleTaskGP(x, y, covar_module=kernel).double()
         model.covar_module.lengthscale = torch.from_numpy(process.fit.length_scales)
         model.likelihood.noise = process.fit.noise
         model.mean_module.constant = torch.tensor(process.fit.mean)
         models.append(model.eval())
     return ModelListGP(*models)
+
+
+def _outcome(j: int, sign: float = 1.0) -> Callable[..., Any]:
+    """Of BoTorch's samples the outcome j; its constraints are met below 0, ours from 0 up."""
+
+    def chosen(samples: Any, X: Any = None) -> Any:
+        return sign * samples[..., j]
+
+    return chosen
 
 
 def _improve_batch(
@@ -212,8 +239,8 @@ def _improve_batch(
             default_models(processes),
             best_f=best,
             sampler=SobolQMCNormalSampler(torch.Size([_MC_SAMPLES]), seed=seed),
-            objective=GenericMCObjective(lambda samples, X=None: samples[..., 0]),
-            constraints=[lambda samples, j=j: -samples[..., j] for j in range(1, len(processes))],
+            objective=GenericMCObjective(_outcome(0)),
+            constraints=[_outcome(j, -1.0) for j in range(1, len(processes))],
             X_pending=torch.from_numpy(pending) if len(pending) else None,
         )
         box = torch.stack([torch.zeros(d, dtype=torch.double), torch.ones(d, dtype=torch.double)])

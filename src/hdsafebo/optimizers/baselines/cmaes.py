@@ -63,6 +63,7 @@ class CmaEs(Optimizer[CmaEsSettings]):
 
     name = "cmaes"
     Settings = CmaEsSettings
+    uses = frozenset({"latent_space", "safety"})  # of the safety functions, the values
 
     def prepare(self) -> None:
         """Draw the seed of pycma."""

@@ -40,7 +40,7 @@ class Config(Optimizer[ConfigSettings]):
         d = self.space.dimension
         count = self.settings.candidates or min(5000, max(2000, 200 * d))
         points = self.space.pinned(sobol_points(max(count, n), d, self.rng))
-        inputs = self.space.kernel_inputs(points)
+        inputs = self.inputs_at(points)
         feasible = self.surrogate.believed_safe(inputs, self.settings.confidence)
         chosen = np.flatnonzero(feasible)
         if len(chosen) > n:

@@ -16,11 +16,12 @@ class LineBOSettings(SafeSetSettings):
     """Settings of `linebo`.
 
     Attributes:
-        beta: negative, so that mu + beta * sigma is a lower bound (the paper's 2).
+        beta: of the safe set mu + beta * sigma >= h. 2 is what the paper sets for this baseline; SafeLineBO's
+            own set is of a lower bound, beta < 0 (`linebo_lower` in the registry).
         candidates: points of the line.
     """
 
-    beta: float = -2.0
+    beta: float = 2.0
     candidates: int = Field(default=500, ge=1)
 
 
@@ -28,13 +29,13 @@ class LineBO(Optimizer[LineBOSettings]):
     """Random-line Bayesian optimisation (Kirschner, Mutny, Hiller, Ischebeck and Krause, ICML 2019).
 
     Their algorithm 1 with the random oracle; each one-dimensional problem is one round. Its safe set is
-    SafeLineBO's, the points whose lower confidence bound meets the threshold; as in the paper, Thompson
-    sampling chooses among them.
+    SafeLineBO's, the points whose confidence bound meets the threshold; as in the paper, Thompson sampling
+    chooses among them.
 
         1  x* <- best safe point
         2  v <- uniform on the sphere
         3  L <- {x* + t v} within the box
-        4  S <- {x in L : mu_g(x) - |beta| sigma_g(x) >= h}
+        4  S <- {x in L : mu_g(x) + beta sigma_g(x) >= h}
         5  maximise posterior samples of f over S
     """
 
@@ -46,7 +47,7 @@ class LineBO(Optimizer[LineBOSettings]):
         """n points of one line."""
         centre = np.clip(self.space.to_unit(self.trials.z[[self.centre_row()]])[0], 0.0, 1.0)
         line = self.space.pinned(self._line(centre, max(self.settings.candidates, n)))
-        inputs = self.space.kernel_inputs(line)
+        inputs = self.inputs_at(line)
         safe = self.surrogate.believed_safe(inputs, self.confidence)
         chosen = np.flatnonzero(safe)
         if len(chosen) > n:

@@ -71,7 +71,7 @@ class SafeOpt(Optimizer[SafeOptSettings]):
         if rows is None:
             seeds = self.space.pinned(np.clip(self.space.to_unit(self.trials.z[self.feasible]), 0.0, 1.0))
         everything = np.vstack([points, seeds])
-        inputs = self.space.kernel_inputs(everything)
+        inputs = self.inputs_at(everything)
         safe = self.surrogate.believed_safe(inputs, self.settings.confidence)
         certified = int(safe[: len(points)].sum())
         safe[len(points) :] = True
@@ -100,13 +100,18 @@ class SafeOpt(Optimizer[SafeOptSettings]):
         """Take back what `method_state` gave."""
         self._seed, self.expansion = state["seed"], state["expansion"]
 
+    @property
+    def certified_points(self) -> int:
+        """Points of the discretisation that the bounds certified, at most in any round."""
+        return max((entry["certified"] for entry in self.expansion), default=0)
+
     def _discretisation(self) -> tuple[FloatArray, IntArray | None]:
         """(k, d) points in the unit cube, and their rows when only a finite set can be evaluated."""
         rng = np.random.default_rng(self._seed)
         candidates = self.problem.candidates
         if candidates is None:
             return self.space.pinned(sobol_points(self.settings.grid, self.space.dimension, rng)), None
-        total = len(candidates.features)
+        total = len(candidates)
         rows = rng.permutation(total)[: self.settings.grid]
         free = np.setdiff1d(rows, self.taken)
         if len(free) == 0:

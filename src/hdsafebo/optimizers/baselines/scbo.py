@@ -40,6 +40,7 @@ class Scbo(Optimizer[ScboSettings]):
     """
 
     name = "scbo"
+    uses = frozenset({"latent_space", "safety"})  # a length scale for each searched coordinate
     Settings = ScboSettings
 
     def prepare(self) -> None:

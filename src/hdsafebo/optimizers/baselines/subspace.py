@@ -30,6 +30,7 @@ class SubspaceOptimizer(Optimizer[S]):
 
     uses_initial_data = False
     searches_codes = False
+    uses = frozenset[str]()
 
     def prepare(self) -> None:
         """The first subspace; no latent points and no fits yet."""

@@ -29,6 +29,7 @@ class Turbo(Optimizer[BoxRegionSettings]):
 
     name = "turbo"
     Settings = BoxRegionSettings
+    uses = frozenset({"latent_space"})
 
     def prepare(self) -> None:
         """The first region, and no fits yet."""

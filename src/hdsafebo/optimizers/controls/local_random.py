@@ -38,6 +38,7 @@ class LocalRandom(Optimizer[LocalRandomSettings]):
 
     name = "local_random"
     Settings = LocalRandomSettings
+    uses = frozenset({"latent_space", "safety"})  # of the safety functions, which trials were safe
 
     def propose(self, n: int) -> Proposal:
         """n steps, cut at the box."""

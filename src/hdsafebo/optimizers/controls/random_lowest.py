@@ -31,6 +31,7 @@ class RandomLowest(Optimizer[OptimizerSettings]):
     """
 
     name = "random_lowest"
+    uses = frozenset({"candidate_rows"})
 
     def prepare(self) -> None:
         """Find the weakest rows."""

@@ -28,6 +28,7 @@ class Sobol(Optimizer[OptimizerSettings]):
     """
 
     name = "sobol"
+    uses = frozenset({"latent_space", "candidate_rows"})
 
     def prepare(self) -> None:
         """Draw the seed of the sequence."""
@@ -36,9 +37,7 @@ class Sobol(Optimizer[OptimizerSettings]):
     def propose(self, n: int) -> Proposal:
         """The next n points of the sequence, or n rows that were not proposed yet."""
         if self.problem.candidates is not None:
-            free = np.setdiff1d(
-                np.arange(len(self.problem.candidates.features)), self.taken, assume_unique=True
-            )
+            free = np.setdiff1d(np.arange(len(self.problem.candidates)), self.taken, assume_unique=True)
             return Proposal(rows=self.rng.choice(free, n, replace=False))
         drawn = int((self.trials.round > 0).sum())
         return Proposal(points=sobol_points(drawn + n, self.space.dimension, self._sequence)[drawn:])

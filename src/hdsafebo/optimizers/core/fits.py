@@ -105,12 +105,6 @@ class Fits:
         self._current = None
 
 
-def _read(data: dict[str, Any] | None) -> State | None:
-    if data is None:
-        return None
-    return (WarpedState if "warped" in data else SurrogateState).from_json(data)
-
-
 def fit_trials(
     problem: Problem,
     trials: Trials,
@@ -121,7 +115,7 @@ def fit_trials(
     settings: ModelSettings,
     noise: NoisePrior,
     refine: bool,
-    start: SurrogateState | None,
+    start: State | None,
     cache: DistanceCache,
 ) -> Surrogate:
     """The surrogate of some completed trials, and of whether inputs give a result where failures teach.
@@ -138,18 +132,20 @@ def fit_trials(
         start: of the last fit.
         cache: distances of earlier fits.
     """
-    fitted = trials[rows]
+    assert not isinstance(start, WarpedState), "the fits of a method are of one kind"
     surrogate = fit_surrogate(
         inputs_of(rows),
         objective,
-        modelled_safety(problem.safety, fitted.safety),
+        modelled_safety(problem.safety, trials.safety[rows]),
         modelled_thresholds(problem.safety),
         start=start,
         cache=cache,
         limits=LengthScaleLimits(settings.shortest_length_scale, settings.longest_length_scale),
         noise=noise,
         refine=refine,
-        known_noise=known_noise(problem, fitted, np.array_equal(objective, fitted.objective)),
+        known_noise=known_noise(
+            problem, trials.noise[rows], np.array_equal(objective, trials.objective[rows])
+        ),
     )
     failed = np.flatnonzero(trials.status == Status.FAILED)
     if not problem.failures_teach or len(failed) == 0:
@@ -158,18 +154,24 @@ def fit_trials(
     return with_completion(surrogate, inputs, start)
 
 
-def known_noise(problem: Problem, trials: Trials, in_units: bool) -> FloatArray:
+def known_noise(problem: Problem, told: FloatArray, in_units: bool) -> FloatArray:
     """(n, 1 + m') known standard deviations of the objective and the modelled safety functions.
 
     Args:
         problem: of the trials.
-        trials: that are fitted.
+        told: (n, 1 + m) of the trials that are fitted, NaN where nothing was told.
         in_units: the objective is modelled in its own units, which are those of its noise.
     """
-    noise = trials.noise.copy()
+    noise = told.copy()
     if problem.noise is not None:
         noise = np.where(np.isnan(noise), problem.noise, noise)
     if not in_units:
         noise[:, 0] = np.nan
     modelled = [j + 1 for j, s in enumerate(problem.safety) if s.modelled]
     return noise[:, [0, *modelled]]
+
+
+def _read(data: dict[str, Any] | None) -> State | None:
+    if data is None:
+        return None
+    return (WarpedState if "warped" in data else SurrogateState).from_json(data)

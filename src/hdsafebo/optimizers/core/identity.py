@@ -30,7 +30,7 @@ _EQUAL = 1e-9
 def identity_of(problem: Problem) -> dict[str, Any]:
     """Names and numbers of a problem, as plain data."""
     safety = [[s.name, s.threshold, s.modelled, s.transform is not None] for s in problem.safety]
-    candidates = None if problem.candidates is None else len(problem.candidates.features)
+    candidates = None if problem.candidates is None else len(problem.candidates)
     return {"name": problem.name, "safety": safety, "candidates": candidates}
 
 
@@ -80,7 +80,7 @@ def check_evidence(path: Path, saved: dict[str, NDArray[Any]], problem: Problem,
     if problem.candidates is not None:
         same = np.isclose(saved["candidates"], present["candidates"], rtol=0.0, atol=_EQUAL)
         if not same.all():
-            total = len(problem.candidates.features)
+            total = len(problem.candidates)
             first = int(np.flatnonzero(~same)[0]) * _rows_per_block(total)
             raise StateFileError(
                 f"{path}: the candidates of problem {problem.name!r} are not those that were saved; "
@@ -125,10 +125,14 @@ def _belong(trials: Trials, problem: Problem, embedding: Codec | None) -> NDArra
 def fingerprint(candidates: CandidateSet) -> FloatArray:
     """(b,) weighted means of the features of consecutive rows, at most 4096 of them.
 
+    A set whose features are dear has cheaper numbers in their place, one row per candidate, in an attribute
+    `identifying`.
+
     The weights are random and fixed, so that rows that change places, or one that changes by a millionth of
     the largest feature, show; what is kept does not grow with the list.
     """
-    features = np.asarray(candidates.features, float)
+    cheap = getattr(candidates, "identifying", None)
+    features = np.asarray(candidates.features if cheap is None else cheap, float)
     total, width = features.shape
     rng = np.random.default_rng(0)
     scale = max(float(np.abs(features).max(initial=0.0)), 1e-300)

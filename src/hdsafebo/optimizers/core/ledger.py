@@ -160,7 +160,7 @@ class Ledger:
             values = getattr(trials, name).copy()
             values[ids[fresh]] = getattr(run, name)[fresh]
             amended[name] = values
-        return replace(trials, **amended)  # type: ignore[arg-type]
+        return replace(trials, **amended)
 
     def _filled(self, ids: IntArray, results: Results) -> Trials:
         objective, safety, status = (

@@ -139,7 +139,7 @@ def _check_table(path: Path, trials: Trials, rounds: Any, problem: Problem) -> N
                 f"{expected.dtype} and {n} rows of {expected.ndim - 1} dimensions"
             )
     completed = trials.status == Status.COMPLETED
-    total = 0 if problem.candidates is None else len(problem.candidates.features)
+    total = 0 if problem.candidates is None else len(problem.candidates)
     sound = {
         "id": np.array_equal(trials.id, np.arange(n)),
         "x": trials.x.shape[1] == d and np.isfinite(trials.x).all(),

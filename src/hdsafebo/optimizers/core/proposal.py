@@ -133,4 +133,4 @@ def candidates_left(problem: Problem, taken: IntArray) -> int:
     """How many more points a problem can be asked for, given the candidate rows that are taken."""
     if problem.candidates is None:
         return int(np.iinfo(np.int64).max)
-    return len(problem.candidates.features) - len(taken)
+    return len(problem.candidates) - len(taken)

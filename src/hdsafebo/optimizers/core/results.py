@@ -131,7 +131,7 @@ def check_rows(problem: Problem, candidate: ArrayLike | None, points: FloatArray
         TrialError: another shape or type, a row that does not exist, or one with another input.
     """
     n = len(points)
-    total = 0 if problem.candidates is None else len(problem.candidates.features)
+    total = 0 if problem.candidates is None else len(problem.candidates)
     rows = np.full(n, -1) if candidate is None else as_integers(candidate, "candidate")
     if rows.shape != (n,) or not np.issubdtype(rows.dtype, np.integer):
         raise TrialError(

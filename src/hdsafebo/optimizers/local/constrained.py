@@ -103,7 +103,7 @@ class ConstrainedSearch(RegionSearch):
             modelled_thresholds(functions),
             best=float(values.max()),
             start=start,
-            noise=known_noise(self.optimizer.problem, trials, True),
+            noise=known_noise(self.optimizer.problem, trials.noise, True),
         )
         return replace(surrogate, inflation=self.expectations.inflation(surrogate.safety))
 

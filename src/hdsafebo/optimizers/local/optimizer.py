@@ -7,7 +7,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from hdsafebo.errors import ParamsError
-from hdsafebo.optimizers.base import Proposal
+from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.constrained import ConstrainedSearch
@@ -16,7 +16,6 @@ from hdsafebo.optimizers.local.pools import PoolSearch
 from hdsafebo.optimizers.local.restarts import Restarts
 from hdsafebo.optimizers.local.rows import RowSearch
 from hdsafebo.optimizers.local.settings import HdSafeBOLocalSettings, RestartSettings
-from hdsafebo.search.metric import kernel_metric
 from hdsafebo.trials import Trials
 
 _MOST_INPUTS = 100
@@ -34,6 +33,7 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
     name = "hdsafebo_local"
     holds_contexts = True
     Settings = HdSafeBOLocalSettings
+    uses = Optimizer.uses | {"candidate_rows"}
 
     def prepare(self) -> None:
         """Refuse settings of a part that the problem does not use."""
@@ -49,7 +49,7 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
         """The one that suits the problem and the searched space."""
         if self.problem.candidates is not None:
             return RowSearch(self)
-        metric = kernel_metric(self.problem, self.embedding, self.space)
+        metric = self.metric
         if not self._continuous:
             return PoolSearch(self, metric)
         if self._searches_inputs():

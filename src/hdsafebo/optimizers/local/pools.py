@@ -80,7 +80,8 @@ class PoolSearch(AscentSearch):
         steps = self.rng.standard_normal((k, d))
         few = self.rng.random((k, d)) >= min(1.0, _FEW / d)
         few[np.arange(k), self.rng.integers(d, size=k)] = False
-        steps[(self.rng.random(k) < 0.5)[:, None] & few] = 0.0
+        half = np.asarray(self.rng.random((k, 1)) < 0.5)
+        steps[half & few] = 0.0
         low, high = np.log(np.array(_RADII) * self.region.length * self.surrogate.length_scale)
         radius = np.exp(self.rng.uniform(low, high, (k, 1)))
         return np.clip(around + radius * self.metric.normalised(steps), 0.0, 1.0)

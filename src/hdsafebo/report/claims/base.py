@@ -14,13 +14,24 @@ from hdsafebo.report.stats.statistics import MIN_PAIRS, Comparison
 OURS = ("hdsafebo", "hdsafebo_local")
 BASELINES = ["linebo", "scbo", "config", "cei", "cmaes"]
 
-Status = Literal["reproduced", "partly", "not", "not run"]
+VARIANTS = {
+    "linebo": ("linebo_lower",),
+    "cei": ("cei_botorch", "cei_prob", "cei_prob_botorch"),
+    "cmaes": ("cmaes_tuned", "cmaes_centre"),
+}
+"""The paper's baselines at their best: a claim against a baseline must hold against each of its variants, "
+"too."""
+
+Status = Literal["reproduced", "partly", "not", "empty", "not run"]
 STATUS_LABELS: dict[Status, str] = {
     "reproduced": "reproduced",
     "partly": "partly",
     "not": "not reproduced",
+    "empty": "holds, but says nothing",
     "not run": "not run",
 }
+OWN_LABELS: dict[Status, str] = STATUS_LABELS | {"reproduced": "holds", "not": "does not hold"}
+"""For what this project says of its own method."""
 
 
 def grade(reproduced: bool, partly: bool) -> Status:
@@ -49,7 +60,8 @@ class Claim:
         source: where.
         rule: when it counts as reproduced, partly reproduced or not.
         section: anchor of the evidence on the page.
-        verdicts: by method (`hdsafebo`, and `hdsafebo_local` held to the same rule), or one under "".
+        verdicts: by method (`hdsafebo` first, which is the paper's, then others held to the same rule), or
+            one under "".
     """
 
     name: str
@@ -61,8 +73,9 @@ class Claim:
 
 
 SUPERIORITY_RULE = (
-    "Reproduced: significantly better than every baseline that was run, and every baseline of the paper "
-    "was run. Partly: significantly worse than none, and either ahead of all in the mean or significantly "
+    "Reproduced: significantly better than every baseline that was run, in either space and in each of its "
+    "variants, and every baseline of the paper was run. Partly: significantly worse than none, and either "
+    "ahead of all in the mean or significantly "
     "better than at least half. Not: otherwise."
 )
 
@@ -72,14 +85,16 @@ def superiority(
 ) -> Verdict:
     """Is a method better than the paper's baselines in a metric on all the tasks?
 
-    A baseline counts as run when it ran in the searched space or, as `<name>_original`, in the original one.
+    A baseline counts as run when it ran in the searched space or, as `<name>_original`, in the original one;
+    each of its `VARIANTS` that ran is compared as well.
     """
     comparisons: dict[tuple[str, str], Comparison] = {}
     missing: set[str] = set()
     for task in tasks:
         ran = results.methods(task)
         for baseline in baselines:
-            variants = [m for m in (baseline, baseline + ORIGINAL) if m in ran]
+            names = (baseline, *VARIANTS.get(baseline, ()))
+            variants = [m for name in names for m in (name, name + ORIGINAL) if m in ran]
             if method not in ran or not variants:
                 where = f" ({task_label(task)})" if len(tasks) > 1 else ""
                 missing.add(f"{style(baseline).label}{where}" if method in ran else task_label(task))
@@ -131,7 +146,7 @@ def worst_of(verdicts: list[Verdict]) -> Verdict:
     run = [v for v in verdicts if v.status != "not run"]
     if not run:
         return verdicts[0]
-    order: list[Status] = ["not", "partly", "reproduced"]
+    order: list[Status] = ["not", "partly", "empty", "reproduced"]
     status = min((v.status for v in run), key=order.index)
     if len(run) < len(verdicts) and status == "reproduced":
         status = "partly"

@@ -20,6 +20,7 @@ def hand_claims(results: Results) -> list[Claim]:
             "On the hand HdSafeBO optimises more efficiently than the baselines over the PCA subspace."
         ),
         "safety": "On the hand it samples fewer unsafe policies than the baselines.",
+        "violation": "On the hand its cumulative violation is the lowest.",
     }
     claims = [
         superiority_claim(
@@ -34,7 +35,7 @@ def hand_claims(results: Results) -> list[Claim]:
         )
         for metric, text in texts.items()
     ]
-    return [_original_fails(results), *claims, _components(results), _beta(results)]
+    return [_original_fails(results), _no_reward(results), *claims, _components(results), _beta(results)]
 
 
 def _original_fails(results: Results) -> Claim:
@@ -56,6 +57,24 @@ def _original_fails(results: Results) -> Claim:
         "All baselines fail to improve the objective over the original parameters.",
         "Section 5.2",
         rule,
+        "hand",
+        {"": verdict},
+    )
+
+
+def _no_reward(results: Results) -> Claim:
+    ran = [m for m in ("scbo", "linebo", "linebo_lower") if m in results.methods("hand")]
+    verdict = NOT_RUN
+    if {"scbo", "linebo"} <= set(ran):
+        means = {m: results.estimate("hand", m, "objective").mean for m in ran}
+        fails = [m for m, mean in means.items() if not mean > 0]
+        each = ", ".join(f"{style(m).label} {number(v)}" for m, v in means.items())
+        verdict = Verdict(grade(len(fails) == len(ran), bool(fails)), f"best safe return: {each}")
+    return Claim(
+        "hand_no_reward",
+        "SCBO (L) and LineBO (L) fail to attain a positive reward.",
+        "Section 5.2",
+        "Reproduced: the mean of the best safe return is at most 0 for each of them. Partly: for one.",
         "hand",
         {"": verdict},
     )
@@ -125,12 +144,16 @@ def _beta(results: Results) -> Claim:
         spread = max(abs(v - base) for v in means.values()) / gain if gain > 0 else float("inf")
         status = grade(not apart and spread <= 0.25, not apart or spread <= 0.25)
         each = ", ".join(f"β = {b:g}: {number(v)}" for b, v in means.items())
+        if len(results.same_trials("hand", list(methods.values()))) == 1:
+            status = "empty"
+            each += "; every trial is the same whatever β is"
         verdict = Verdict(
             status, f"objective {each}; largest distance from HdSafeBO's is {100 * spread:.0f} % of its gain"
         )
     rule = (
         "Reproduced: no β differs significantly in the objective, and all means lie within a quarter of "
-        "HdSafeBO's gain over the initial data. Partly: one of the two."
+        "HdSafeBO's gain over the initial data. Partly: one of the two. Says nothing: all trials are the "
+        "same."
     )
     statement = "Performance is similar for β from 0 to 16; safety may become slightly worse as β grows."
     return Claim("hand_beta", statement, "Appendix C.4", rule, "ablation", {"": verdict})

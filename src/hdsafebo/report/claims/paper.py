@@ -22,7 +22,7 @@ def paper_claims(
         *stimulation_claims(results, stimulation),
         *embedding_claims(isometry),
         *digit_claims(results),
-        *theory_claims(results),
+        *theory_claims(results, isometry),
         round_time_claim(results),
         _clinical(),
     ]

@@ -18,7 +18,7 @@ M = TypeVar("M", bound=BaseModel)
 
 DIFFICULTY = "data/synergies/random_policies.json"
 POLICIES = "data/policies"
-RUNS = "data/runs"
+TASKS = ("hand", "hand_informed")
 _COLUMNS = ["seed", "trial", "initial", "objective", "safe", "status", "safety_no_drop", "safety_upright"]
 
 
@@ -83,7 +83,7 @@ class HandInputs:
         difficulty: what random policies do.
         policies: those that were played again.
         strips: PNG pictures by file name.
-        outcomes: by method, one row per trial: seed, trial, initial, objective, safe, status,
+        outcomes: by task and method, one row per trial: seed, trial, initial, objective, safe, status,
             safety_no_drop and safety_upright, each at least 0 where the bottle was held, or ended upright;
             None where a run file does not have them.
     """
@@ -91,11 +91,15 @@ class HandInputs:
     difficulty: Difficulty | None
     policies: Policies | None
     strips: dict[str, bytes]
-    outcomes: dict[str, pd.DataFrame | None]
+    outcomes: dict[tuple[str, str], pd.DataFrame | None]
 
 
-def read_hand(root: Path) -> HandInputs:
+def read_hand(root: Path, runs: Path) -> HandInputs:
     """Read everything that is there.
+
+    Args:
+        root: the project's directory.
+        runs: folder of the run files.
 
     Raises:
         DatasetError: a file is there but malformed.
@@ -106,10 +110,15 @@ def read_hand(root: Path) -> HandInputs:
         policies=_read(folder / "policies.json", Policies),
         strips={path.name: path.read_bytes() for path in sorted(folder.glob("*.png"))},
         outcomes={
-            path.stem.removeprefix("hand-"): _outcomes(path)
-            for path in sorted((root / RUNS).glob("hand-*.parquet"))
+            _named(path): _outcomes(path) for task in TASKS for path in sorted(runs.glob(f"{task}-*.parquet"))
         },
     )
+
+
+def _named(path: Path) -> tuple[str, str]:
+    """Task and method of a run file."""
+    task, method = path.stem.split("-", 1)
+    return task, method
 
 
 def _read(path: Path, model: type[M]) -> M | None:

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 from pyarrow import ArrowException
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -25,7 +23,7 @@ ISOMETRY = "reports/isometry.json"
 DISTANCES = "reports/isometry_pairs.parquet"
 SYNERGIES = "models/synergies/pca.json"
 LEARNING = "data/rollouts/learning_curve.parquet"
-STIMULATION = "data/spinal/stimulation.parquet"
+STIMULATION = "data/spinal/selectivity.json"
 TRAVERSAL = "data/spinal/traversal.json"
 HAND_FRAMES = "data/rollouts"
 SPINAL_FRAMES = "data/spinal/figures"
@@ -60,21 +58,51 @@ class _Synergies(BaseModel):
     variance_accounted_for: list[float]
 
 
-@dataclass(frozen=True)
-class Stimulation:
+class Selectivity(BaseModel):
+    """Counts of the parameters by the selectivity of one muscle, both sides of the body.
+
+    Attributes:
+        safe: counts between the edges.
+        unsafe: the same of the unsafe ones.
+        best_safe: largest selectivity of a safe one; None when none is safe.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    safe: list[int]
+    unsafe: list[int]
+    best_safe: float | None
+
+
+class FieldMap(BaseModel):
+    """An example of a field map: 52 rows of 14 pixels, and the name of its parameters."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    pixels: list[list[float]]
+    title: str
+
+
+class Stimulation(BaseModel):
     """The traversed stimulation parameters.
 
     Attributes:
         rows: number of parameters.
         threshold: of g for a safe one.
         safe_share: share of safe ones.
-        selectivity: {muscle: {"safe": values, "unsafe": values}}, both sides of the body.
+        edges: of the counts, increasing.
+        selectivity: by muscle.
+        example: the safe parameters that select the left ST best.
     """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     rows: int
     threshold: float
     safe_share: float
-    selectivity: dict[str, dict[str, NDArray[np.float64]]]
+    edges: list[float] = []
+    selectivity: dict[str, Selectivity] = {}
+    example: FieldMap | None = None
 
 
 @dataclass(frozen=True)
@@ -101,7 +129,6 @@ class Inputs:
     learning_curve: pd.DataFrame | None
     stimulation: Stimulation | None
     traversal: Traversal | None
-    field_map: tuple[NDArray[np.float64], str] | None
     hand: HandInputs
     hand_frames: list[Frame]
     spinal_frames: list[Frame]
@@ -149,28 +176,10 @@ def read_traversal(root: Path) -> Traversal | None:
     return None if data is None else _validated(root / TRAVERSAL, Traversal, data)
 
 
-def read_stimulation(root: Path, threshold: float) -> Stimulation | None:
-    """Selectivity of every parameter, split by g >= threshold."""
-    path = root / STIMULATION
-    if not path.exists():
-        return None
-    names = [name for name in _schema(path) if name.startswith("si_")]
-    if not names:
-        raise DatasetError(f"{path}: no column si_<muscle>_<side>; expected one per muscle and side")
-    frame = _parquet(path, ["g", *names])
-    assert frame is not None
-    safe = (frame["g"] >= threshold).to_numpy()
-    muscles: dict[str, list[str]] = {}
-    for name in names:
-        muscles.setdefault(name.removeprefix("si_").rsplit("_", 1)[0], []).append(name)
-    selectivity = {
-        muscle: {
-            "safe": frame.loc[safe, columns].to_numpy(float).ravel(),
-            "unsafe": frame.loc[~safe, columns].to_numpy(float).ravel(),
-        }
-        for muscle, columns in muscles.items()
-    }
-    return Stimulation(len(frame), threshold, float(safe.mean()), selectivity)
+def read_stimulation(root: Path) -> Stimulation | None:
+    """What the traversal found."""
+    data = _json(root / STIMULATION)
+    return None if data is None else _validated(root / STIMULATION, Stimulation, data)
 
 
 def read_frames(folder: Path) -> list[Frame]:
@@ -178,15 +187,12 @@ def read_frames(folder: Path) -> list[Frame]:
     return [Frame(path.stem.replace("_", " "), path.read_bytes()) for path in sorted(folder.glob("*.png"))]
 
 
-def read_inputs(
-    root: Path, *, safety_threshold: float, field_map: tuple[NDArray[np.float64], str] | None
-) -> Inputs:
+def read_inputs(root: Path, runs: Path) -> Inputs:
     """Read everything that is there.
 
     Args:
         root: the project's directory.
-        safety_threshold: g from which a stimulation is safe.
-        field_map: an example of a field map (52, 14) and the name of its parameters.
+        runs: folder of the run files.
 
     Raises:
         DatasetError: a file is there but malformed.
@@ -196,10 +202,9 @@ def read_inputs(
         distances=read_distances(root),
         variance=read_variance(root),
         learning_curve=read_learning_curve(root),
-        stimulation=read_stimulation(root, safety_threshold),
+        stimulation=read_stimulation(root),
         traversal=read_traversal(root),
-        field_map=field_map,
-        hand=read_hand(root),
+        hand=read_hand(root, runs),
         hand_frames=read_frames(root / HAND_FRAMES),
         spinal_frames=read_frames(root / SPINAL_FRAMES),
     )

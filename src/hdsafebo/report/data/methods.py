@@ -10,6 +10,7 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
 )  # fmt: skip
 
 ORIGINAL = "_original"
+INFORMED = "_informed"
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class MethodStyle:
 
 
 FAMILIES = {
-    "ours": "this project's methods",
+    "ours": "HdSafeBO, and this project's local variant",
+    "readings": "other readings of the paper",
     "local": "local and line search",
     "global": "global constrained BO",
     "free": "no model",
@@ -48,18 +50,24 @@ DASHES: dict[str, object] = {"-": "-", "dashed": _DASHED, "dotted": _DOTTED, "da
 _METHODS = {
     "hdsafebo": MethodStyle("HdSafeBO", "ours", BLACK, "o"),
     "hdsafebo_local": MethodStyle("HdSafeBO-local", "ours", VERMILLION, "s"),
-    "hdsafebo_literal": MethodStyle("HdSafeBO as printed", "ours", SKY, "X", "dashed"),
+    "hdsafebo_printed": MethodStyle("HdSafeBO as listed", "readings", SKY, "X", "dashed"),
+    "hdsafebo_length_scales": MethodStyle("HdSafeBO in length scales", "readings", BLUE, "^", "dashdot"),
     "linebo": MethodStyle("LineBO", "local", BLUE, "^", "dashed"),
+    "linebo_lower": MethodStyle("LineBO, lower bound", "local", PURPLE, "v", "dotted"),
     "scbo": MethodStyle("SCBO", "local", GREEN, "D", "dashdot"),
     "config": MethodStyle("CONFIG", "global", BLUE, "^", "dashed"),
     "cei": MethodStyle("cEI", "global", GREEN, "D", "dashdot"),
+    "cei_botorch": MethodStyle("cEI, BoTorch's kernel", "global", GREEN, "X", "dotted"),
     "cei_prob": MethodStyle("cEI-Prob", "global", PURPLE, "v", "dotted"),
+    "cei_prob_botorch": MethodStyle("cEI-Prob, BoTorch's kernel", "global", PURPLE, "*", "dashed"),
     "safeopt": MethodStyle("SafeOpt", "global", ORANGE, "P", "dashed"),
     "cmaes": MethodStyle("CMA-ES", "free", BLUE, "^", "dashed"),
+    "cmaes_tuned": MethodStyle("CMA-ES, tuned step", "free", SKY, "X", "dashdot"),
     "cmaes_centre": MethodStyle("CMA-ES, from centre", "free", ORANGE, "P", "dotted"),
     "sobol": MethodStyle("Sobol search", "free", GREEN, "D", "dotted"),
     "local_random": MethodStyle("Local random steps", "free", PURPLE, "v", "dashdot"),
     "random_lowest": MethodStyle("Random, lowest current", "free", ORANGE, "P", "dashed"),
+    "thompson_rows": MethodStyle("Thompson sampling, all rows", "global", SKY, "X", "dashdot"),
     "turbo": MethodStyle("TuRBO", "embedding", GREEN, "D", "dashdot", needs_threshold=False),
     "hesbo": MethodStyle("HesBO", "embedding", BLUE, "^", "dashed", needs_threshold=False),
     "ars": MethodStyle("ARS", "free", SKY, "X", "dashed"),
@@ -137,8 +145,15 @@ def by_family(methods: list[str]) -> dict[str, list[str]]:
     return groups or {"ours": ours}
 
 
+def is_informed(task: str) -> bool:
+    """Whether a task is in the informed setting; the others are in the paper's."""
+    return task.endswith(INFORMED)
+
+
 def task_label(task: str) -> str:
-    """Name of a task on the page."""
+    """Name of a task on the page, with its setting."""
+    if is_informed(task):
+        return f"{task_label(task.removesuffix(INFORMED))}, informed"
     if task.startswith("scs_"):
         muscle = task.removeprefix("scs_")
         return f"Stimulation, {MUSCLES.get(muscle, muscle.upper())}"

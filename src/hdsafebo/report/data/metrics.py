@@ -33,7 +33,10 @@ def per_seed(run: RunFile) -> pd.DataFrame:
         improvement: the difference of the two,
         safety: share of safe ones among the completed trials that the method chose,
         violation: sum of max(0, h - g) over them,
-        violation_bound: sum of their one-step bounds; NaN when the method has none,
+        modelled_violation: the same of the functions that were modelled, as they were modelled,
+        violation_bound: sum of its one-step bounds; NaN when the method has none,
+        unconstrained: best objective among all completed trials, whether safe or not,
+        new_points: chosen trials whose point was not tried before,
         seconds_per_round: mean time that the method took to choose a batch, evaluation excluded,
         chosen, failed: numbers of chosen trials and of failed evaluations.
     """
@@ -48,6 +51,9 @@ def per_seed(run: RunFile) -> pd.DataFrame:
     table["improvement"] = table["objective"] - table["initial_objective"]
     table["safety"] = by_seed["safe"].mean()
     table["violation"] = by_seed["violation"].sum()
+    table["modelled_violation"] = by_seed["modelled_violation"].sum()
+    table["unconstrained"] = frame[frame["status"] == "completed"].groupby("seed")["objective"].max()
+    table["new_points"] = (~chosen["repeated"]).groupby(chosen["seed"]).sum()
     table["violation_bound"] = by_seed["violation_bound"].agg(lambda column: column.sum(skipna=False))
     table["seconds_per_round"] = rounds.groupby("seed").mean()
     table["chosen"] = by_seed.size()

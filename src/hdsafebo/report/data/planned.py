@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
+from hdsafebo.params import Params
 from hdsafebo.runs.read import RunFile, read_run, read_runs
+from hdsafebo.runs.schema import run_name
+
+
+def planned_runs(params: Params) -> list[tuple[str, str]]:
+    """Every task and method that the parameters run."""
+    tasks = params.tasks
+    methods = {"synthetic": tasks.synthetic.methods}
+    methods |= {n: family.methods for family in (tasks.hand, tasks.scs, tasks.digits) for n in family.tasks}
+    return [(task, method) for task, names in methods.items() for method in names]
 
 
 def read_planned(
@@ -25,7 +35,7 @@ def read_planned(
     """
     if planned is None:
         return read_runs(folder), []
-    names = {f"{task}-{method}" for task, method in planned}
+    names = {run_name(task, method) for task, method in planned}
     paths = sorted(folder.glob("*.parquet"))
     runs = (read_run(path) for path in paths if path.stem in names)
     left_out = [path.name for path in paths if path.stem not in names]

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from hdsafebo.report.data.methods import order
+from hdsafebo.report.data.methods import INFORMED, is_informed, order
 from hdsafebo.report.data.metrics import HIGHER_IS_BETTER, per_seed
 from hdsafebo.report.stats.statistics import Comparison, Estimate, compare, estimate
 from hdsafebo.runs.read import RunFile
@@ -17,6 +17,8 @@ from hdsafebo.runs.schema import Counts, RunMetadata
 from hdsafebo.runs.series import Series, per_round, pool
 
 DIGITS = "digits"
+POOLS = (DIGITS, DIGITS + INFORMED)
+"""Tasks of this table alone: all digits of a setting, a digit being a unit."""
 PAPER_ORDER = ("synthetic", "hand", "scs_st", "scs_ga")
 
 
@@ -39,7 +41,9 @@ class Settings:
 
 @dataclass(frozen=True)
 class Results:
-    """What was run. Besides its own tasks it has the task `digits`, whose units are the digits.
+    """What was run. Besides its own tasks it has the tasks of `POOLS`, whose units are the digits.
+
+    Nothing here compares across tasks, and the two settings of a task are two tasks.
 
     Attributes:
         runs: run files by (task, method).
@@ -53,30 +57,38 @@ class Results:
     def tasks(self) -> list[str]:
         """Tasks that have a run file, in the paper's order."""
         first = {task: k for k, task in enumerate(PAPER_ORDER)}
-        return sorted({task for task, _ in self.runs}, key=lambda task: (first.get(task, len(first)), task))
+
+        def key(task: str) -> tuple[int, str, bool]:
+            plain = task.removesuffix(INFORMED)
+            return first.get(plain, len(first)), plain, is_informed(task)
+
+        return sorted({task for task, _ in self.runs}, key=key)
 
     @cached_property
     def digit_tasks(self) -> list[str]:
         """The digit tasks that have a run file."""
         return [task for task in self.tasks if task.startswith(f"{DIGITS}_")]
 
+    def pooled(self, task: str) -> list[str]:
+        """The digit tasks of the setting of a pool."""
+        return [name for name in self.digit_tasks if is_informed(name) == is_informed(task)]
+
     def parts(self, task: str, method: str) -> dict[str, RunFile]:
         """Run files behind a task: one, or one per digit."""
-        names = self.digit_tasks if task == DIGITS else [task]
+        names = self.pooled(task) if task in POOLS else [task]
         return {name: self.runs[name, method] for name in names if (name, method) in self.runs}
 
     def methods(self, task: str) -> list[str]:
         """Methods that were run on a task (for `digits` on every digit), in the order of tables."""
-        found = {m for t, m in self.runs if t == task or (task == DIGITS and t in self.digit_tasks)}
-        if task == DIGITS:
-            found = {m for m in found if len(self.parts(task, m)) == len(self.digit_tasks)}
-        return order(list(found))
+        names = self.pooled(task) if task in POOLS else [task]
+        found = {m for t, m in self.runs if t in names}
+        return order([m for m in found if len(self.parts(task, m)) == len(names)])
 
     @cached_property
     def experiments(self) -> list[str]:
         """Tasks, the digits as one."""
         single = [task for task in self.tasks if task not in self.digit_tasks]
-        return [*single, DIGITS] if self.digit_tasks else single
+        return [*single, *(pool for pool in POOLS if self.pooled(pool))]
 
     def counts(self, task: str, method: str) -> Counts:
         """Sums over all runs of a method on a task."""
@@ -100,7 +112,7 @@ class Results:
 
     def metrics(self, task: str, method: str) -> pd.DataFrame:
         """Final metrics, one row per unit."""
-        if task == DIGITS:
+        if task in POOLS:
             rows = {
                 name: self._metrics[name, method].mean(numeric_only=True) for name in self.parts(task, method)
             }
@@ -109,7 +121,7 @@ class Results:
 
     def series(self, task: str, method: str) -> Series:
         """Curves per round."""
-        if task == DIGITS:
+        if task in POOLS:
             return pool({name: self._series[name, method] for name in self.parts(task, method)})
         return self._series[task, method]
 
@@ -121,6 +133,15 @@ class Results:
         """Best safe objective of a task, where its run files know it."""
         known = {run.meta.optimum for (name, _), run in self.runs.items() if name == task} - {None}
         return max(v for v in known if v is not None) if known else None
+
+    def same_trials(self, task: str, methods: list[str]) -> list[list[str]]:
+        """The methods in groups whose runs have the same outcomes trial by trial."""
+        groups: dict[bytes, list[str]] = {}
+        for method in methods:
+            parts = self.parts(task, method).values()
+            outcomes = [run.trials[["seed", "trial", "objective"]].to_numpy(float).tobytes() for run in parts]
+            groups.setdefault(b"".join(outcomes), []).append(method)
+        return list(groups.values())
 
     def compare(self, task: str, a: str, b: str, metric: str) -> Comparison:
         """Is method a better than method b? Paired over common units.

@@ -50,6 +50,42 @@ def final_figure(results: Results, task: str, methods: list[str]) -> Figure:
     return Figure(f"final_{task}", caption, [row])
 
 
+def front_figure(results: Results, task: str, methods: list[str]) -> Figure:
+    """Return against safety of every method, so that no limit on safety hides one."""
+    points = {
+        m: (results.estimate(task, m, "safety"), results.estimate(task, m, "objective")) for m in methods
+    }
+
+    def draw(ax: Any) -> None:
+        for method, (safety, value) in points.items():
+            if not value.runs:
+                continue
+            look = style(method)
+            ax.errorbar(
+                safety.mean,
+                value.mean,
+                xerr=np.nan_to_num(safety.se),
+                yerr=np.nan_to_num(value.se),
+                fmt=look.marker,
+                color=look.colour,
+                markersize=6,
+                elinewidth=0.8,
+            )
+            ax.annotate(
+                look.label, (safety.mean, value.mean), (5, 3), textcoords="offset points", fontsize=7.5
+            )
+        ax.set_xlabel("safe share of trials")
+        ax.set_title("best safe return over safety", loc="left")
+
+    caption = (
+        f"{task_label(task)}: best safe return against safety, every method; means and one standard error. A "
+        "method "
+        "is beaten when another lies above it and to its right."
+    )
+    title = f"{task_label(task)}: best safe return of each method over its safety"
+    return Figure(f"front_{task}", caption, [[Panel(title, draw, inches=(7.4, 4.2))]])
+
+
 def _limits(results: Results, task: str, methods: list[str], metric: str) -> tuple[float, float] | None:
     """Common limits of a row of panels, so that they can be compared."""
     low, high = [], []

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from hdsafebo.report.data.inputs import Selectivity, Stimulation
 from hdsafebo.report.data.methods import BLUE, ORANGE, SKY, VERMILLION
 from hdsafebo.report.figures.panels import Figure, Line, Panel
 
@@ -37,14 +38,10 @@ def _distance_panel(name: str, table: pd.DataFrame, correlation: float | None) -
     return Panel(f"{name}: distances between maps and between codes", draw, inches=(3.7, 3.0))
 
 
-def selectivity_figure(selectivity: dict[str, dict[str, NDArray[np.float64]]]) -> Figure:
-    """Distribution of the selectivity index of every muscle group, safe and unsafe parameters apart.
-
-    Args:
-        selectivity: {muscle: {"safe": values, "unsafe": values}}.
-    """
-    edges = np.linspace(-1, 1, 81)
-    panels = [_selectivity_panel(muscle, groups, edges) for muscle, groups in selectivity.items()]
+def selectivity_figure(found: Stimulation) -> Figure:
+    """Distribution of the selectivity index of every muscle group, safe and unsafe parameters apart."""
+    edges = np.array(found.edges)
+    panels = [_selectivity_panel(muscle, counts, edges) for muscle, counts in found.selectivity.items()]
     caption = (
         "Selectivity index over all stimulation parameters, both sides of the body, on a logarithmic "
         "count; the best safe value is marked."
@@ -52,15 +49,13 @@ def selectivity_figure(selectivity: dict[str, dict[str, NDArray[np.float64]]]) -
     return Figure("selectivity_distribution", caption, [panels[i : i + 3] for i in range(0, len(panels), 3)])
 
 
-def _selectivity_panel(
-    muscle: str, groups: dict[str, NDArray[np.float64]], edges: NDArray[np.float64]
-) -> Panel:
+def _selectivity_panel(muscle: str, counts: Selectivity, edges: NDArray[np.float64]) -> Panel:
     def draw(ax: Any) -> None:
-        ax.hist(groups["unsafe"], bins=edges, histtype="stepfilled", color=ORANGE, alpha=0.55, label="unsafe")
-        ax.hist(groups["safe"], bins=edges, histtype="step", color=BLUE, linewidth=1.4, label="safe")
-        ax.set_yscale("log")
-        if len(groups["safe"]):
-            best = float(groups["safe"].max())
+        ax.stairs(counts.unsafe, edges, fill=True, color=ORANGE, alpha=0.55, label="unsafe")
+        ax.stairs(counts.safe, edges, color=BLUE, linewidth=1.4, label="safe")
+        ax.set_yscale("log", nonpositive="clip")
+        best = counts.best_safe
+        if best is not None:
             ax.axvline(best, color="#000000", linewidth=1, linestyle=(0, (2, 2)))
             ax.annotate(
                 f"{best:.2f}",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 
 from hdsafebo.report.claims.hand import beta_methods
 from hdsafebo.report.data.inputs import Inputs
 from hdsafebo.report.data.methods import style, task_label
-from hdsafebo.report.data.results import DIGITS, Results
+from hdsafebo.report.data.results import POOLS, Results
 from hdsafebo.report.figures.ablation import beta_figure
 from hdsafebo.report.figures.curves import curve_figures, final_figure, single_curve_figure
 from hdsafebo.report.figures.inputs import field_map_figure, selectivity_figure
@@ -15,6 +16,7 @@ from hdsafebo.report.formatting import number
 from hdsafebo.report.sections.base import Block, Details, Section, Text, not_run
 from hdsafebo.report.sections.findings import (
     closed_form_finding,
+    given_blocks,
     leader_findings,
     paper_findings,
     ratio_finding,
@@ -23,7 +25,7 @@ from hdsafebo.report.sections.findings import (
     size_sentence,
 )
 from hdsafebo.report.stats.regret import regret
-from hdsafebo.report.tables.results import comparison_table, metrics_table
+from hdsafebo.report.tables.results import comparison_table, metrics_table, unconstrained_table
 from hdsafebo.report.tables.speed import regret_table
 
 RANDOM_EMBEDDINGS = ("hesbo", "baxus")
@@ -46,6 +48,7 @@ def task_blocks(results: Results, task: str) -> list[Block]:
     )
     return [
         size_sentence(results, task, methods),
+        *given_blocks(results, task, methods),
         *leader_findings(results, task, methods),
         *paper_findings(results, task),
         final_figure(results, task, methods),
@@ -112,13 +115,13 @@ def stimulation_section(results: Results, inputs: Inputs) -> Section:
         share = f"{100 * s.safe_share:.1f} % are safe (g ≥ {s.threshold:g})"
         blocks += [
             Text(f"The traversal has {s.rows:,} parameters; {share}.", "finding"),
-            selectivity_figure(s.selectivity),
+            selectivity_figure(s),
         ]
     blocks += inputs.spinal_frames
-    if inputs.field_map is not None:
-        blocks.append(field_map_figure(*inputs.field_map))
+    if inputs.stimulation is not None and (example := inputs.stimulation.example) is not None:
+        blocks.append(field_map_figure(np.array(example.pixels), example.title))
     tasks = [task for task in results.tasks if task.startswith("scs_")]
-    for task in dict.fromkeys(["scs_st", "scs_ga", *tasks]):
+    for task in tasks or ["scs_st", "scs_ga"]:
         blocks.append(Text(task_label(task), "heading"))
         blocks += task_blocks(results, task)
         blocks += _regret_blocks(results, task)
@@ -137,9 +140,13 @@ def _random_embedding_blocks(results: Results, tasks: list[str]) -> list[Block]:
     for task in tasks:
         ran = results.methods(task)
         if any(method in ran for method in RANDOM_EMBEDDINGS):
-            shown = [m for m in ran if style(m).family == "ours" or m in RANDOM_EMBEDDINGS]
-            caption = f"{task_label(task)}: HesBO and BAxUS search without regard to safety."
-            blocks.append(metrics_table(results, task, shown, caption, f"random_embeddings_{task}"))
+            shown = [m for m in ran if style(m).family != "ablation"]
+            caption = (
+                f"{task_label(task)}: best value of a run, safe or not, as the paper's table has it for "
+                "HesBO and "
+                "BAxUS, which search without regard to safety."
+            )
+            blocks.append(unconstrained_table(results, task, shown, caption))
     return blocks if len(blocks) > 1 else [*blocks, not_run("HesBO and BAxUS")]
 
 
@@ -169,9 +176,12 @@ def digits_section(results: Results) -> Section:
         "Values are means over seeds for each digit, then mean ± standard error over digits; the paper "
         "prints standard deviations over digits."
     )
-    blocks: list[Block] = [intro, *task_blocks(results, DIGITS)]
-    ratio = ratio_finding(results, DIGITS)
-    blocks += [] if ratio is None else [ratio]
+    blocks: list[Block] = [intro]
+    for pool in POOLS:
+        if pool in results.experiments or pool == POOLS[0]:
+            blocks += [Text(task_label(pool), "heading"), *task_blocks(results, pool)]
+            ratio = ratio_finding(results, pool)
+            blocks += [] if ratio is None else [ratio]
     for task in results.digit_tasks:
         table = metrics_table(
             results, task, compared(results, task), f"{task_label(task)}.", f"metrics_{task}"

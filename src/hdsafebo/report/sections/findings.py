@@ -10,7 +10,7 @@ from scipy.stats import norm
 from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.data.metrics import METRIC_LABELS
 from hdsafebo.report.data.paper import paper_size, paper_value
-from hdsafebo.report.data.results import DIGITS, Results
+from hdsafebo.report.data.results import POOLS, Results
 from hdsafebo.report.formatting import number, with_error
 from hdsafebo.report.sections.base import Text
 from hdsafebo.report.stats.statistics import MIN_PAIRS
@@ -27,7 +27,7 @@ def size_sentence(results: Results, task: str, methods: list[str]) -> Text:
         sorted({getattr(m, name) for m in metas}) for name in ("n_trials", "n_initial", "batch")
     )
     profiles = sorted({m.profile for m in metas})
-    units = "digits" if task == DIGITS else "runs"
+    units = "digits" if task in POOLS else "runs"
     ours = (
         f"{_span(counts)} {units} per method, {_span(initial)} initial of {_span(trials)} trials, "
         f"{_span(batch)} per round; profile {', '.join(profiles)}"
@@ -46,21 +46,39 @@ def size_sentence(results: Results, task: str, methods: list[str]) -> Text:
     return Text(f"Size: {ours}. Paper: {theirs}. This is {verdict}.{lost}", "size")
 
 
+GIVEN = {
+    "latent_space": "latent space",
+    "kernel_features": "kernel features",
+    "candidate_rows": "candidate rows",
+    "safety": "safety functions that are modelled",
+    "extra_trials": "evaluated before the initial trials",
+}
+
+
+def given_blocks(results: Results, task: str, methods: list[str]) -> list[Text]:
+    """What every method was given, and what some of them cannot use."""
+    metas = {m: results.meta(task, m) for m in methods}
+    given = {name: text for meta in metas.values() for name, text in meta.given.items()}
+    if not given:
+        return []
+    each = "; ".join(f"{GIVEN.get(name, name)}: {text}" for name, text in given.items())
+    unused = {name: [style(m).label for m, meta in metas.items() if name in meta.unused] for name in given}
+    left = "; ".join(f"{GIVEN.get(name, name)} by {', '.join(who)}" for name, who in unused.items() if who)
+    texts = [Text(f"What every method was given. {each[0].upper()}{each[1:]}.", "size")]
+    return texts + ([Text(f"Not used: {left}.", "size")] if left else [])
+
+
 def same_trials_findings(results: Results, task: str, methods: list[str]) -> list[Text]:
     """Methods whose runs have the same outcomes trial by trial: they differ by nothing that acted."""
-    groups: dict[bytes, list[str]] = {}
-    for method in methods:
-        parts = results.parts(task, method).values()
-        outcomes = [run.trials[["seed", "trial", "objective"]].to_numpy(float).tobytes() for run in parts]
-        groups.setdefault(b"".join(outcomes), []).append(style(method).label)
     return [
         Text(
-            f"The same trials in every run: {'; '.join(labels)}. What tells these methods apart changed no "
-            "choice here.",
+            f"The same trials in every run: {'; '.join(style(m).label for m in group)}. What tells these "
+            "methods "
+            "apart changed no choice here.",
             "finding",
         )
-        for labels in groups.values()
-        if len(labels) > 1
+        for group in results.same_trials(task, methods)
+        if len(group) > 1
     ]
 
 

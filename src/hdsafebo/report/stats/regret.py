@@ -8,7 +8,7 @@ import pandas as pd
 from hdsafebo.runs.read import RunFile
 from hdsafebo.runs.series import Series, per_round
 
-CHECKPOINTS = (300, 400, 500, 1000)
+CHECKPOINTS = (300, 400, 600, 1000)
 TARGET_SHARE = 0.95
 
 
@@ -16,7 +16,7 @@ def regret(run: RunFile, series: Series | None = None) -> pd.DataFrame | None:
     """Share of the best safe value of a finite set over the trials; None when it is unknown or not positive.
 
     Returns:
-        One row per seed: share_300, share_400, share_500, share_1000 (best safe objective / optimum by the
+        One row per seed: share_300, share_400, share_600, share_1000 (best safe objective / optimum by the
         round in which that trial was; NaN beyond the end of the run) and trials_to_95 (trials at the end of
         the round that reached 95 %, the initial ones included; NaN when it never did).
     """

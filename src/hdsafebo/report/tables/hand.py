@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from hdsafebo.report.data.methods import style
+from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.formatting import number, with_error
 from hdsafebo.report.stats.statistics import Estimate, estimate
 from hdsafebo.report.tables.results import Cell, Table
@@ -82,7 +82,7 @@ def _until_upright(run: pd.DataFrame) -> tuple[int, bool]:
     return count, bool(done[-1])
 
 
-def upright_table(found: list[Upright]) -> Table:
+def upright_table(task: str, found: list[Upright]) -> Table:
     """The summaries as a table."""
     rows, records = [], []
     for row in found:
@@ -107,7 +107,7 @@ def upright_table(found: list[Upright]) -> Table:
         "Held: share of the optimised trials in which the bottle was not dropped."
     )
     columns = ["Method", "Ends upright", "Return ↑", "Safety ↑", "Held ↑", "Trials until upright ↓"]
-    return Table("hand_upright", caption, columns, rows, pd.DataFrame(records))
+    return Table(f"upright_{task}", f"{task_label(task)}. {caption}", columns, rows, pd.DataFrame(records))
 
 
 def upright_finding(found: list[Upright]) -> str:

@@ -18,11 +18,15 @@ ARROWS = {"objective": "↑", "safety": "↑", "violation": "↓", "seconds_per_
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of the page's table: text, a second line in small type, bold when significantly best."""
+    """A cell of the page's table: text, a second line in small type, bold when significantly best.
+
+    A wide cell holds sentences, which are broken into lines.
+    """
 
     text: str
     small: str = ""
     bold: bool = False
+    wide: bool = False
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,24 @@ def metrics_table(results: Results, task: str, methods: list[str], caption: str,
         records.append(record)
     columns = ["Method", "Runs", *(f"{METRIC_LABELS[m]} {ARROWS[m]}" for m in metrics)]
     return Table(name, caption, columns, rows, pd.DataFrame(records))
+
+
+def unconstrained_table(results: Results, task: str, methods: list[str], caption: str) -> Table:
+    """Best value of each method with and without the constraint, the paper's number below."""
+    rows, records = [], []
+    for method in methods:
+        theirs = paper_value(task, method, "objective")
+        record: dict[str, object] = {"task": task, "method": method}
+        cells = [Cell(style(method).label), Cell(str(len(results.metrics(task, method))))]
+        for metric in ("unconstrained", "objective"):
+            e = results.estimate(task, method, metric)
+            cells.append(Cell(with_error(e), paper_text(theirs) if metric == "unconstrained" else ""))
+            record |= {metric: e.mean, f"{metric}_se": e.se}
+        record["paper_objective"] = None if theirs is None else theirs.value
+        rows.append(cells)
+        records.append(record)
+    columns = ["Method", "Runs", "Best value, safe or not ↑", "Best safe value ↑"]
+    return Table(f"random_embeddings_{task}", caption, columns, rows, pd.DataFrame(records))
 
 
 def comparison_table(results: Results, task: str, methods: list[str]) -> Table:

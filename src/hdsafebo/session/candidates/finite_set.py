@@ -36,6 +36,10 @@ class FiniteSet(ABC):
         self._features = np.vstack([features, np.zeros((RESERVED_ROWS, features.shape[1]))])
         self._outside: list[Point] = []
 
+    def __len__(self) -> int:
+        """N + reserved rows."""
+        return len(self._features)
+
     @property
     def features(self) -> FloatArray:
         """(N + reserved, p) inputs of the kernel."""

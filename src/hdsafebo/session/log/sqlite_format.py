@@ -15,9 +15,9 @@ import struct
 import tempfile
 from collections.abc import Callable
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 
-from hdsafebo import __version__
 from hdsafebo.session.errors import AuditError, SessionError
 from hdsafebo.session.log.cache import Cache
 from hdsafebo.session.log.chain import Entry, follow_on, read_row, seal
@@ -66,7 +66,7 @@ def converted(directory: Path, clock: Callable[[], datetime], *, in_place: bool)
         raise SessionError(f"{directory}: making this session was interrupted; make it again with `new`")
     last = entries[-1]
     time = clock().astimezone(UTC).isoformat(timespec="milliseconds")
-    facts = {"entries": len(entries), "version": __version__}
+    facts = {"entries": len(entries), "version": version("hdsafebo")}
     entries.append(seal(last.seq + 1, time, "hdsafebo", "converted", facts, last.hash))
     root = directory if in_place else Path(tempfile.mkdtemp())
     if not in_place:

@@ -50,7 +50,7 @@ def read_csv(
 def _numbers(layout: CsvLayout, wanted: list[int], sparse: Collection[str]) -> dict[int, FloatArray]:
     """The wanted columns, all finite and at least two rows long.
 
-    The file is parsed in blocks, so that its size as numbers is known before there is room for it.
+    The file is parsed in blocks, so that no more of it becomes numbers than there is room for.
     """
     import pyarrow as pa
     import pyarrow.csv as pa_csv
@@ -58,7 +58,7 @@ def _numbers(layout: CsvLayout, wanted: list[int], sparse: Collection[str]) -> d
     body = memoryview(layout.content)[layout.start :]
     keys = [str(i) for i in range(len(layout.names))]
     comma = layout.delimiter != "," and re.search(rb"\d,\d|(?:^|[;\t\n]),\d", body) is not None
-    batches: list[pa.RecordBatch] = []
+    pieces: dict[int, list[FloatArray]] = {i: [] for i in wanted}
     rows = 0
     try:
         reader = pa_csv.open_csv(
@@ -74,33 +74,29 @@ def _numbers(layout: CsvLayout, wanted: list[int], sparse: Collection[str]) -> d
             ),
         )
         for batch in reader:
+            for i, column in zip(wanted, batch.columns, strict=True):
+                zero = layout.names[i] in sparse
+                pieces[i].append(_finite(column.fill_null(0.0) if zero else column, i, rows, layout))
             rows += batch.num_rows
             if rows * len(wanted) > MAX_VALUES:
                 raise RecordingError(
                     f"{layout.source}: more than {MAX_VALUES} values in {len(wanted)} columns, expected "
                     "fewer: record less, or list what is not needed in ignored_channels"
                 )
-            batches.append(batch)
     except pa.ArrowInvalid as error:
         raise RecordingError(_explained(str(error), layout)) from None
     if rows < 2:
         raise RecordingError(f"{layout.source}: {rows} samples, expected at least 2")
-    table = pa.Table.from_batches(batches)
-    columns = {}
-    for i in wanted:
-        column = table.column(keys[i])
-        if layout.names[i] in sparse:
-            column = column.fill_null(0.0)
-        columns[i] = _finite(column, i, layout)
-    return columns
+    return {i: np.concatenate(pieces.pop(i)) for i in wanted}
 
 
-def _finite(column: pa.ChunkedArray, index: int, layout: CsvLayout) -> FloatArray:
-    values = np.asarray(column.to_numpy(), float)  # an empty cell is NaN
+def _finite(column: pa.Array, index: int, rows: int, layout: CsvLayout) -> FloatArray:
+    """Numbers of a part of a column that follows so many rows."""
+    values = np.array(column.to_numpy(zero_copy_only=False), float)  # an empty cell is NaN
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
-        at = layout.place(int(bad[0]))
-        cell = "is empty" if not column[int(bad[0])].is_valid else f"{values[bad[0]]}"
+        cell = f"{values[bad[0]]}" if column[int(bad[0])].is_valid else "is empty"
+        at = layout.place(rows + int(bad[0]))
         raise RecordingError(f"{at}, column {layout.names[index]}: {cell}, expected a finite number")
     return values
 

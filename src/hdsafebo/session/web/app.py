@@ -10,8 +10,6 @@ thread that does nothing else. It needs no head, no name, no lock, and no place 
 from __future__ import annotations
 
 import asyncio
-import base64
-import binascii
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,12 +39,13 @@ from hdsafebo.session.words import LONGEST, parse_json, trimmed_text
 
 STATIC = Path(__file__).parent / "static"
 _HISTORY = 200
-_MAX_BODY = MAX_BYTES * 4 // 3 + 2**20
+_MAX_BODY = MAX_BYTES + 2**20  # a recording, and the JSON of its step
 _MAX_STOP_BODY = 2**16
 _STOP_BODY_S = 0.2  # waited for the words of a stop that is obeyed already
 _MODEL_S = 2.0  # waited for the model by somebody who only looks
 _LOOKS_AT_ONCE, _STEPS_AT_ONCE = 4, 8  # more wait without keeping others from their threads
 _BARRED = ("suggest", "approve", "modify", "manual")  # steps that may start a trial
+_FILE = "file"  # key of what follows the JSON of a request
 
 Body = dict[str, Any]
 
@@ -169,10 +168,9 @@ class Page:
     def _record(self, body: Body) -> None:
         recording = None
         if body.get("recording") is not None:
-            try:
-                content = base64.b64decode(body["recording"]["content"], validate=True)
-            except (binascii.Error, ValueError):
-                raise RecordingError("the recording was not sent whole: choose the file again") from None
+            content = body.pop(_FILE, b"")
+            if len(content) != body["recording"]["bytes"]:
+                raise RecordingError("the recording was not sent whole: choose the file again")
             recording = (content, Path(str(body["recording"]["name"])).name)
         report = Report(recording, body["values"])
         self._worker.record(body["who"], report, body["trial"], remark=body.get("remark", ""))
@@ -272,10 +270,12 @@ class Page:
 
 def _acted(act: Callable[[Body], Any], content: bytes) -> Any:
     """The result of a step, for the body of its request."""
-    body = parse_json(content)
+    end = content.find(b"\n")  # the JSON is one line; a file follows as it is, since no copy of one is small
+    head, file = (content, b"") if end < 0 else (content[:end], content[end + 1 :])
+    body = parse_json(head)
     if not isinstance(body, dict) or not isinstance(body.get("who", ""), str):
         raise ProtocolError("expected a JSON object with a name as `who`")
-    return act(body)
+    return act(body | {_FILE: file})
 
 
 async def _words_of_stop(request: Request) -> Body:

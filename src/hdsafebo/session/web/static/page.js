@@ -14,14 +14,15 @@ const onTheWay = new Set(); // of every request but STOP: a browser keeps few co
 const CONTACT_TOPS = [[6, 12, 18, 24, 30, 36, 42, 48], [3, 9, 15, 21, 27, 33, 39, 45]]; // mm on the paddle
 const CONTACT_COLUMNS = [3, 9]; // drawn further apart than they are, to be hit easily
 
-async function call(path, body) {
+// A step is JSON; a file follows after the end of its line.
+async function call(path, body, file) {
   const controller = new AbortController();
   onTheWay.add(controller);
   try {
     const answer = await fetch(`/api/${path}`, body === undefined ? { signal: controller.signal } : {
       method: "POST",
       headers: { "Content-Type": "application/json", "X-Session-Page": "1" },
-      body: JSON.stringify(body),
+      body: withFile(body, file),
       signal: controller.signal,
     });
     const text = await answer.text();
@@ -34,12 +35,12 @@ async function call(path, body) {
   }
 }
 
-async function send(step, body) {
+async function send(step, body, file) {
   if (busy) return;
   setBusy(true);
   say("");
   try {
-    const result = await call(step, { who: byId("who").value, head: seen && seen.head.hash, ...body });
+    const result = await call(step, { who: byId("who").value, head: seen && seen.head.hash, ...body }, file);
     if (result.error) say(result.error);
     else editing = null;
   } catch (error) {
@@ -314,14 +315,16 @@ async function record() {
   for (const input of byId("entries").querySelectorAll("input")) if (input.value !== "") values[input.name] = input.valueAsNumber;
   const file = byId("file").files[0];
   const body = { trial: seen.running.number, values, recording: null, remark: byId("remark").value };
+  let content = null;
   try {
-    if (file) body.recording = { name: file.name, content: await base64(await present(file)) };
+    if (file) content = await present(file);
   } catch (error) {
     byId("file").value = "";
     say(`${file.name} was changed or moved since it was chosen: choose it again, then press Record.`);
     return;
   }
-  await send("record", body);
+  if (content) body.recording = { name: file.name, bytes: content.size };
+  await send("record", body, content);
 }
 
 // What the file holds now, in memory. Chromium refuses to read a file that was written to since it was chosen, but
@@ -336,13 +339,9 @@ async function present(file) {
   }
 }
 
-function base64(file) {
-  return new Promise((resolve, reject) => {
-    const reader = new FileReader();
-    reader.onload = () => resolve(reader.result.slice(reader.result.indexOf(",") + 1));
-    reader.onerror = () => reject(reader.error);
-    reader.readAsDataURL(file);
-  });
+function withFile(step, file) {
+  const json = JSON.stringify(step);
+  return file ? new Blob([json, "\n", file]) : json;
 }
 
 function showBest() {

@@ -1,0 +1,164 @@
+"""The committed evidence: what every number of the report can be computed from, in a few megabytes.
+
+runs/             the trials of every run, one file per task and method, see `compact`
+inputs/           what else the report reads, at the paths that it has in the project
+params.yaml       the parameters of the runs
+provenance.json   revision, libraries and original file of every run file
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from hdsafebo.errors import DatasetError
+from hdsafebo.files.atomic import replacing, write_json
+from hdsafebo.files.parquet import read_parquet
+from hdsafebo.params import load_params
+from hdsafebo.pipeline.provenance import digest_file, git_state
+from hdsafebo.report.data import hand_inputs, inputs
+from hdsafebo.report.data.planned import planned_runs
+from hdsafebo.runs.read import read_run
+from hdsafebo.runs.schema import COLUMNS, run_name
+from hdsafebo.typing import FloatArray
+
+RUNS = "runs"
+INPUTS = "inputs"
+PARAMS = "params.yaml"
+PROVENANCE = "provenance.json"
+FILES = (
+    inputs.ISOMETRY,
+    inputs.DISTANCES,
+    inputs.SYNERGIES,
+    inputs.LEARNING,
+    inputs.STIMULATION,
+    inputs.TRAVERSAL,
+    hand_inputs.DIFFICULTY,
+    f"{hand_inputs.POLICIES}/policies.json",
+)
+PICTURES = (inputs.HAND_FRAMES, inputs.SPINAL_FRAMES, hand_inputs.POLICIES)
+LIBRARIES = ("numpy", "scipy", "torch", "gpytorch", "botorch", "scikit-learn", "mujoco", "cma")
+_EXACT_BITS = 13
+"""Of a number's 24 significant bits; four decimal digits."""
+_UNUSED = ("candidate",)
+_HAND_COLUMNS = ("safety_no_drop", "safety_upright")
+
+
+def keep_evidence(root: Path, folder: Path) -> None:
+    """Write the evidence of the runs that the parameters of a project name.
+
+    Args:
+        root: the project's directory, in which the pipeline has finished.
+        folder: of the evidence; a file there that is up to date keeps its provenance.
+
+    Raises:
+        DatasetError: a run file is missing or malformed, or the disk cannot be written.
+    """
+    params = load_params(root / PARAMS)
+    names = [run_name(task, method) for task, method in planned_runs(params)]
+    missing = [name for name in names if not (root / "data/runs" / f"{name}.parquet").is_file()]
+    if missing:
+        raise DatasetError(
+            f"{root / 'data/runs'}: {', '.join(missing)} missing; run the pipeline first (dvc repro)"
+        )
+    before = read_provenance(folder).get("runs", {})
+    here = _here(root)
+    runs: dict[str, Any] = {}
+    for name in names:
+        source, target = root / "data/runs" / f"{name}.parquet", folder / RUNS / f"{name}.parquet"
+        digest = digest_file(source)
+        known = before.get(name, {})
+        if known.get("source_sha256") != digest or not target.is_file():
+            compact(source, target)
+            known = here | {"source_sha256": digest}
+        meta = read_run(target).meta
+        runs[name] = known | {"seeds": meta.seeds, "trials": meta.n_trials, "profile": meta.profile}
+    for path in sorted((folder / RUNS).glob("*.parquet")):
+        if path.stem not in runs:
+            path.unlink()
+    _copy_inputs(root, folder / INPUTS)
+    shutil.copyfile(root / PARAMS, folder / PARAMS)
+    write_json(folder / PROVENANCE, here | {"profile": params.profile, "runs": runs}, DatasetError)
+
+
+def read_provenance(folder: Path) -> dict[str, Any]:
+    """What `provenance.json` says; empty when there is none."""
+    path = folder / PROVENANCE
+    if not path.is_file():
+        return {}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DatasetError(f"{path}: cannot be read as JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise DatasetError(f"{path}: expected an object, got {type(content).__name__}")
+    return content
+
+
+def compact(source: Path, target: Path) -> None:
+    """Write a run file without the searched points, its numbers to four significant digits, well compressed.
+
+    What was safe is kept as it was decided; violations are rounded with the values that they are of.
+    """
+    extra = [name for name in _HAND_COLUMNS if name in pq.read_schema(source).names]
+    table = read_parquet(source, str(source), DatasetError, [*COLUMNS, *extra])
+    columns: dict[str, pa.Array] = {}
+    for name in table.column_names:
+        column = table[name]
+        if name in _UNUSED:
+            columns[name] = pa.array(np.full(len(column), -1, np.int64))
+        elif pa.types.is_floating(column.type):
+            columns[name] = pa.array(rounded(column.to_numpy()), pa.float32())
+        else:
+            columns[name] = column
+    floats = [name for name, column in columns.items() if column.type == pa.float32()]
+    others = [name for name in columns if name not in floats]
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(target, DatasetError) as temporary:
+        pq.write_table(
+            pa.table(columns).replace_schema_metadata(table.schema.metadata),
+            temporary,
+            compression="zstd",
+            compression_level=19,
+            use_dictionary=others,
+            use_byte_stream_split=floats,
+        )
+
+
+def rounded(values: FloatArray) -> np.ndarray:
+    """(n,) float32 with the last bits zero; NaN stays."""
+    step = np.uint32(1 << (24 - _EXACT_BITS))
+    bits = np.asarray(values, np.float32).view(np.uint32)
+    near = ((bits + step // 2) & ~(step - np.uint32(1))).view(np.float32)
+    return np.where(np.isfinite(values), near, np.asarray(values, np.float32))
+
+
+def _copy_inputs(root: Path, folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    pictures = [path for name in PICTURES for path in sorted((root / name).glob("*.png"))]
+    for source in [*(root / name for name in FILES), *pictures]:
+        if source.is_file():
+            target = folder / source.relative_to(root)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, target)
+
+
+def _here(root: Path) -> dict[str, Any]:
+    """Revision and libraries of this moment."""
+    state = git_state(root)
+    revision, modified = (None, None) if state is None else state
+    return {"revision": revision, "modified": modified, "libraries": {n: _version(n) for n in LIBRARIES}}
+
+
+def _version(library: str) -> str | None:
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,89 @@
+"""The committed evidence in `reports/reference`: kept from a finished pipeline, and built into a report "
+"again."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from hdsafebo.errors import DatasetError
+from hdsafebo.files.atomic import write_json
+from hdsafebo.params import load_params
+from hdsafebo.report.build import build_report
+from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS, keep_evidence, read_provenance
+from hdsafebo.report.data.planned import planned_runs
+from hdsafebo.report.data.results import Settings
+from hdsafebo.report.readme import update_readme
+
+COSTS = ".journal/stage_costs.jsonl"
+README = "README.md"
+REBUILT = ("tables", "curves", "figures")
+
+
+def keep_reference(root: Path) -> Path:
+    """Keep the evidence of the project's runs, and write its report and the results in README.md from it.
+
+    The costs of the stages are kept beside it.
+
+    Args:
+        root: the project's directory, in which the pipeline has finished.
+
+    Returns:
+        The folder of the reference.
+
+    Raises:
+        DatasetError: a run of the parameters is missing or malformed; the message names it.
+    """
+    folder = root / "reports" / "reference"
+    keep_evidence(root, folder)
+    for name in REBUILT:
+        shutil.rmtree(folder / name, ignore_errors=True)
+    report_from(folder, folder)
+    if (root / README).is_file():
+        update_readme(root / README, folder)
+    costs = stage_costs(root / COSTS, load_params(folder / PARAMS).profile)
+    write_json(folder / "stage_costs.json", costs, DatasetError)
+    return folder
+
+
+def report_from(evidence: Path, output: Path) -> dict[str, Any]:
+    """Build the report from kept evidence alone: no optimiser runs, and nothing of the pipeline is needed.
+
+    Args:
+        evidence: folder of `data.evidence`.
+        output: folder of the report.
+
+    Returns:
+        The content of `summary.json`.
+
+    Raises:
+        DatasetError: the folder holds no evidence, or a file of it is malformed.
+    """
+    if not (evidence / PARAMS).is_file() or not (evidence / RUNS).is_dir():
+        raise DatasetError(
+            f"{evidence}: expected {PARAMS} and {RUNS}/, as `hdsafebo keep-reference` writes them"
+        )
+    params = load_params(evidence / PARAMS)
+    output.mkdir(parents=True, exist_ok=True)
+    return build_report(
+        evidence / INPUTS,
+        profile=params.profile,
+        git_revision=read_provenance(evidence).get("revision"),
+        planned=planned_runs(params),
+        isometry_points=params.isometry.points,
+        settings=Settings(**params.report.model_dump()),
+        runs=evidence / RUNS,
+        output=output,
+    )
+
+
+def stage_costs(path: Path, profile: str) -> list[dict[str, object]]:
+    """The last cost of every stage item under a profile, in the order in which the items first ran."""
+    latest: dict[tuple[str, ...], dict[str, object]] = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        cost = json.loads(line)
+        if cost["profile"] == profile:
+            latest[(cost["stage"], *cost["item"])] = cost
+    return list(latest.values())

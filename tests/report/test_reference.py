@@ -1,0 +1,191 @@
+"""Kept evidence: small, with provenance, and enough to build the whole report again."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hdsafebo.cli import main
+from hdsafebo.errors import DatasetError
+from hdsafebo.params import load_params
+from hdsafebo.pipeline.profiles import profile_text
+from hdsafebo.pipeline.stage import COSTS_FILE
+from hdsafebo.report.build import build_report
+from hdsafebo.report.data.evidence import rounded
+from hdsafebo.report.data.planned import planned_runs
+from hdsafebo.report.data.results import Settings
+from hdsafebo.report.readme import BEGIN, END, results_markdown, update_readme
+from hdsafebo.report.reference import COSTS, keep_reference, report_from
+from hdsafebo.runs.read import read_run
+from report.full_size import write_inputs
+from report.run_files import random_runs
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Path:
+    """A project with random results in place of those of the smoke profile, and its reference."""
+    root = tmp_path_factory.mktemp("project")
+    (root / "params.yaml").write_text(profile_text(project_root, "smoke"))
+    rng = np.random.default_rng(0)
+    for task, method in planned_runs(load_params(root / "params.yaml")):
+        sizes = {"n_initial": 10, "n_trials": 40, "batch": 5, "gain": 1.0, "safe_share": 0.8}
+        random_runs(root, task, method, seeds=2, rng=rng, **sizes)
+    write_inputs(root, rng)
+    (root / "data/rollouts/start.png").write_bytes(b"\x89PNG picture")
+    costs = [
+        {"profile": "standard", "stage": "report", "item": [], "seconds": 1.0, "peak_mb": 1},
+        {"profile": "smoke", "stage": "report", "item": [], "seconds": 2.0, "peak_mb": 1},
+        {"profile": "smoke", "stage": "report", "item": [], "seconds": 3.0, "peak_mb": 1},
+    ]
+    (root / COSTS).parent.mkdir()
+    (root / COSTS).write_text("".join(json.dumps(cost) + "\n" for cost in costs))
+    keep_reference(root)
+    return root
+
+
+def reference(root: Path) -> Path:
+    return root / "reports/reference"
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Every file of a report."""
+    files = [folder / "index.html", folder / "summary.json", *sorted((folder / "tables").iterdir())]
+    files += [*sorted((folder / "curves").iterdir()), *sorted((folder / "figures").iterdir())]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def test_the_report_is_built_again_from_the_evidence_alone(project: Path, tmp_path: Path) -> None:
+    alone = tmp_path / "evidence"
+    for name in ("runs", "inputs"):
+        shutil.copytree(reference(project) / name, alone / name)
+    for name in ("params.yaml", "provenance.json"):
+        shutil.copyfile(reference(project) / name, alone / name)
+    main(["report", "--from", str(alone), "--to", str(tmp_path / "built")])
+    assert content(tmp_path / "built") == content(reference(project))
+
+
+def test_its_numbers_are_those_of_the_run_files(project: Path, tmp_path: Path) -> None:
+    params = load_params(project / "params.yaml")
+    settings = Settings(**params.report.model_dump())
+    whole = build_report(
+        project,
+        profile="smoke",
+        git_revision=None,
+        planned=planned_runs(params),
+        settings=settings,
+        output=tmp_path,
+    )
+    kept = json.loads((reference(project) / "summary.json").read_text())
+    assert whole.keys() == kept.keys()
+    for task, method in planned_runs(params):
+        for metric in ("objective", "safety", "violation", "seconds_per_round"):
+            mean = whole[task][method][metric]["mean"]
+            assert kept[task][method][metric]["mean"] == pytest.approx(mean, rel=1e-3, abs=1e-3)
+
+
+def test_evidence_is_compact_and_keeps_what_was_safe(project: Path) -> None:
+    for path in sorted((reference(project) / "runs").iterdir()):
+        source = project / "data/runs" / path.name
+        assert path.stat().st_size < source.stat().st_size
+        ours, theirs = read_run(path), read_run(source)
+        assert ours.meta == theirs.meta
+        pd.testing.assert_series_equal(ours.trials["safe"], theirs.trials["safe"])
+        for column in ("objective", "safety", "predicted_safe_probability"):
+            np.testing.assert_allclose(ours.trials[column], theirs.trials[column], rtol=2e-4)
+
+
+def test_rounding_keeps_four_digits() -> None:
+    values = np.array([0.0, -1.0, np.nan, 1 / 3, 1e-12, -123456.0])
+    np.testing.assert_allclose(rounded(values), values, rtol=1.3e-4)
+    assert len(np.unique(rounded(np.linspace(1, 1.001, 1000)))) < 20
+
+
+def test_provenance_names_every_file_and_stays_where_nothing_changed(project: Path) -> None:
+    path = reference(project) / "provenance.json"
+    before = json.loads(path.read_text())
+    names = {path.stem for path in (reference(project) / "runs").iterdir()}
+    assert set(before["runs"]) == names
+    assert all(len(run["source_sha256"]) == 64 and run["seeds"] == [0, 1] for run in before["runs"].values())
+    before["runs"]["hand-sobol"]["revision"] = "an earlier one"
+    path.write_text(json.dumps(before))
+    (reference(project) / "runs/synthetic-gone.parquet").write_bytes(b"of another profile")
+    keep_reference(project)
+    after = json.loads(path.read_text())
+    assert after["runs"]["hand-sobol"]["revision"] == "an earlier one"
+    assert not (reference(project) / "runs/synthetic-gone.parquet").exists()
+
+
+def test_costs_are_the_last_of_the_profile(project: Path) -> None:
+    costs = json.loads((reference(project) / "stage_costs.json").read_text())
+    assert [cost["seconds"] for cost in costs] == [3.0]
+    assert COSTS == COSTS_FILE
+
+
+def test_a_missing_run_is_named(project: Path, tmp_path: Path) -> None:
+    shutil.copytree(project / "data", tmp_path / "data")
+    shutil.copyfile(project / "params.yaml", tmp_path / "params.yaml")
+    (tmp_path / "data/runs/hand-sobol.parquet").unlink()
+    with pytest.raises(DatasetError, match=r"hand-sobol missing; run the pipeline"):
+        keep_reference(tmp_path)
+
+
+def test_a_folder_without_evidence_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["report", "--from", str(tmp_path)])
+    assert stopped.value.code == 1
+    assert "expected params.yaml and runs/" in capsys.readouterr().err
+
+
+def test_the_committed_page_has_the_numbers_of_the_committed_evidence(
+    project_root: Path, tmp_path: Path
+) -> None:
+    committed = project_root / "reports/reference"
+    if not (committed / "runs").is_dir():
+        pytest.skip("reports/reference is older than kept evidence")
+    report_from(committed, tmp_path)
+    assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(
+        (committed / "summary.json").read_text()
+    )
+    for path in sorted((committed / "tables").glob("*.csv")):
+        ours, theirs = pd.read_csv(tmp_path / "tables" / path.name), pd.read_csv(path)
+        pd.testing.assert_frame_equal(ours, theirs, check_exact=False, rtol=1e-9)
+
+
+def test_the_document_of_departures_is_the_list(
+    project_root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["departures"])
+    assert (project_root / "docs/departures.md").read_text(encoding="utf-8") == capsys.readouterr().out
+
+
+def test_the_readme_is_written_from_the_evidence(project: Path) -> None:
+    readme = project / "README.md"
+    readme.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    update_readme(readme, reference(project))
+    text = readme.read_text()
+    assert text.startswith(f"before\n{BEGIN}\nProfile `smoke`")
+    assert text.endswith(f"{END}\nafter\n")
+    assert "old" not in text
+    summary = json.loads((reference(project) / "summary.json").read_text())
+    mean = summary["synthetic"]["sobol"]["violation"]["mean"]
+    (row,) = re.findall(r"\| Sobol search \(`sobol`\) \|([^\n]*)\| 2 \|", text[: text.index("**Musc")])
+    assert float(row.split("|")[2].split("±")[0]) == pytest.approx(mean, rel=0.1)
+    readme.write_text("no marks")
+    with pytest.raises(DatasetError, match="expected the mark"):
+        update_readme(readme, reference(project))
+
+
+def test_the_readme_has_the_numbers_of_the_committed_evidence(project_root: Path) -> None:
+    text = (project_root / "README.md").read_text(encoding="utf-8")
+    written = text[text.index(BEGIN) + len(BEGIN) + 1 : text.index(END)]
+    if (project_root / "reports/reference/runs").is_dir():
+        assert written == results_markdown(project_root / "reports/reference")
+    else:
+        assert "of an earlier comparison" in written
+        assert not re.search(r"\d ± \d", written)
