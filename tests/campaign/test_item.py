@@ -90,7 +90,8 @@ def test_the_file_is_what_the_report_reads(tmp_path: Path) -> None:
     assert {name: str(schema.field(name).type) for name in schema.names} == {
         "seed": "int32", "trial": "int32", "round": "int32", "initial": "bool", "objective": "double",
         "safety_hidden": "double", "safety": "double", "safety_second": "double", "safe": "bool",
-        "violation": "double", "predicted_safe_probability": "double", "violation_bound": "double",
+        "violation": "double", "modelled_violation": "double", "repeated": "bool",
+        "predicted_safe_probability": "double", "violation_bound": "double",
         "trust_region_length": "double", "method_seconds": "double", "evaluate_seconds": "double",
         "status": "string", "marked_unsafe": "bool", "candidate": "int64", "z": "list<element: float>",
     }  # fmt: skip
