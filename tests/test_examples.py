@@ -32,7 +32,7 @@ def test_own_black_box_improves_safely_and_resumes(project_root: Path, tmp_path:
     optimizer = example.optimize(tmp_path / "state.zip")
     trials = optimizer.trials
     chosen = ~trials.initial
-    assert chosen.sum() == 48
+    assert 24 < chosen.sum() <= 48, "a batch is shorter where fewer trials are believed safe"
     assert (trials.status[chosen] == Status.FAILED).any(), "the example shows a failed trial"
     done = chosen & trials.completed
     assert optimizer.feasible[done].sum() / done.sum() >= 0.9

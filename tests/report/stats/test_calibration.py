@@ -59,18 +59,18 @@ def test_without_predictions_there_is_no_calibration(tmp_path: Path) -> None:
 
 
 def test_regret(tmp_path: Path) -> None:
-    n = 500
+    n = 600
     rising = np.linspace(0, 4, n)
     flat = np.full(n, 2.0)
     tables = [trial_table(k, f, np.ones(n), n_initial=200, batch=10) for k, f in enumerate((rising, flat))]
     run = read_run(write_run(tmp_path, "scs_st", "scbo", tables, n_initial=200, batch=10, optimum=4.0))
     table = regret(run)
     assert table is not None
-    np.testing.assert_allclose(table["share_300"], [299 / 499, 0.5])
-    np.testing.assert_allclose(table["share_500"], [1.0, 0.5])
+    np.testing.assert_allclose(table["share_300"], [299 / 599, 0.5])
+    np.testing.assert_allclose(table["share_600"], [1.0, 0.5])
     assert table["share_1000"].isna().all(), "the runs end before"
-    assert table["trials_to_95"].iloc[0] == 480, (
-        "the first round whose last trial reaches 0.95, after 476 trials"
+    assert table["trials_to_95"].iloc[0] == 580, (
+        "the first round whose last trial reaches 0.95, after 571 trials"
     )
     assert np.isnan(table["trials_to_95"].iloc[1])
 
