@@ -45,7 +45,7 @@ class Polishing(Problem):
         return Evaluation(values[:, 0], margins, failed)
 
 
-def optimise(state_file: Path, rounds: int = 12, batch: int = 4) -> HdSafeBOLocal:
+def optimize(state_file: Path, rounds: int = 12, batch: int = 4) -> HdSafeBOLocal:
     """The whole optimisation, cut in the middle and resumed from a file."""
     problem = Polishing()
     optimizer = HdSafeBOLocal(
@@ -69,7 +69,7 @@ def optimise(state_file: Path, rounds: int = 12, batch: int = 4) -> HdSafeBOLoca
 def main() -> None:
     """Optimise and say what came of it."""
     with tempfile.TemporaryDirectory() as folder:
-        optimizer = optimise(Path(folder) / "polishing.zip")
+        optimizer = optimize(Path(folder) / "polishing.zip")
     trials, best = optimizer.trials, optimizer.best()
     assert best is not None
     chosen = trials[~trials.initial]

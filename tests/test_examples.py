@@ -29,7 +29,7 @@ def load(root: Path, name: str) -> ModuleType:
 
 def test_own_black_box_improves_safely_and_resumes(project_root: Path, tmp_path: Path) -> None:
     example = load(project_root, "own_black_box")
-    optimizer = example.optimise(tmp_path / "state.zip")
+    optimizer = example.optimize(tmp_path / "state.zip")
     trials = optimizer.trials
     chosen = ~trials.initial
     assert chosen.sum() == 48

@@ -81,7 +81,7 @@ def _round(disk: Path) -> None:
 
 
 def _save_state(disk: Path) -> None:
-    _with_run(disk, lambda journal: journal.save_state(lambda path: _optimiser(path, 400)))
+    _with_run(disk, lambda journal: journal.save_state(lambda path: _optimizer(path, 400)))
 
 
 def _rounds(disk: Path, expected: int) -> None:
@@ -98,7 +98,7 @@ def _problem() -> Any:
     return FunctionProblem(lambda x: (x.sum(axis=1), x[:, 0]), bounds=[[0.0] * 3, [1.0] * 3])
 
 
-def _optimiser(path: Path, trials: int) -> None:
+def _optimizer(path: Path, trials: int) -> None:
     from hdsafebo.optimizers.controls.sobol import Sobol
 
     made = Sobol(_problem(), seed=0)
@@ -254,8 +254,8 @@ POINTS = {
     ),
     "the state of an optimiser": WritePoint(
         "state.zip",
-        lambda disk, home: _optimiser(disk / "state.zip", 4),
-        lambda disk, home: _optimiser(disk / "state.zip", 400),
+        lambda disk, home: _optimizer(disk / "state.zip", 4),
+        lambda disk, home: _optimizer(disk / "state.zip", 400),
         _four_trials,
     ),
     "a whole run": WritePoint(

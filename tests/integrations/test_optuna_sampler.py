@@ -31,7 +31,7 @@ def begin(sampler: HdSafeBOSampler, **more) -> optuna.Study:
     return study
 
 
-def test_optimises_within_the_constraint(tmp_path: Path) -> None:
+def test_optimizes_within_the_constraint(tmp_path: Path) -> None:
     storage = f"sqlite:///{tmp_path / 'trials.db'}"
     study = begin(HdSafeBOSampler(alpha=0.95), storage=storage, study_name="arm")
     study.optimize(objective, n_trials=20)

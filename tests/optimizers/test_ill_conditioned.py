@@ -21,7 +21,7 @@ ROUNDS = 3
 BATCH = 4
 
 
-def hard_optimiser(seed: int) -> Optimizer:
+def hard_optimizer(seed: int) -> Optimizer:
     """An optimiser that was told hard data."""
     rng = np.random.default_rng([seed, 0])
     n, d = int(rng.integers(2, 25)), int(rng.integers(1, 8))
@@ -69,7 +69,7 @@ def told_hard_results(optimizer: Optimizer, trials: Trials, rng: np.random.Gener
 def run_case(seed: int) -> str:
     """How a short run on hard data ends."""
     rng = np.random.default_rng([seed, 1])
-    optimizer = hard_optimiser(seed)
+    optimizer = hard_optimizer(seed)
     for _ in range(ROUNDS):
         try:
             trials = optimizer.ask(BATCH)

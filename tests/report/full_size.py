@@ -24,7 +24,7 @@ QUALITY = {
     "sobol": (0.2, 0.6),
     "safeopt": (0.0, 0.9),
 }
-ORIGINAL = ("linebo_original", "scbo_original", "config_original", "cei_original", "cmaes_original")
+ORIGINAL = {f"{name}_original": name for name in ("linebo", "scbo", "config", "cei", "cmaes")}
 ABLATIONS = {
     "hdsafebo_global": 1.0,
     "hdsafebo_pessimistic": 2.0,
@@ -45,12 +45,12 @@ def write_everything(
     def runs(task: str, method: str, seeds: int, sizes: tuple[int, int, int], **metadata: object) -> None:
         if only is not None and (task not in only[0] or method not in only[1]):
             return
-        base = method.removesuffix("_original")
+        base = ORIGINAL.get(method, method)
         gain, share = QUALITY.get(base, (ABLATIONS.get(base, 1.2), 0.75))
         beta = 2.0 if base in BETA_METHODS or base in ABLATIONS else None
         extra = {} if beta is None else {"beta": beta, "guaranteed_alpha": float(norm.sf(beta))}
         n_initial, n_trials, batch = sizes
-        space = "original" if method.endswith("_original") else "latent"
+        space = "original" if method in ORIGINAL else "latent"
         random_runs(
             root,
             task,
@@ -63,6 +63,7 @@ def write_everything(
             safe_share=share,
             rng=rng,
             space=space,
+            algorithm=base,
             **extra,
             **metadata,
         )

@@ -77,7 +77,7 @@ def test_a_tie_is_not_superiority(tmp_path: Path) -> None:
 
 def test_original_space_counts_as_the_baseline(tmp_path: Path) -> None:
     flat(tmp_path, "toy", "hdsafebo", 2.0)
-    flat(tmp_path, "toy", "scbo_original", 1.0, space="original")
+    flat(tmp_path, "toy", "scbo_original", 1.0, space="original", algorithm="scbo")
     verdict = superiority(results(tmp_path), ["toy"], "hdsafebo", "objective", ["scbo"])
     assert verdict.status == "reproduced"
     assert "SCBO (O)" in verdict.text
@@ -182,8 +182,9 @@ def test_a_beta_that_changes_no_trial_says_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("gain", "status"), [(0.0, "reproduced"), (0.9, "not")])
 def test_original_space_fails_on_the_hand(tmp_path: Path, gain: float, status: str) -> None:
     flat(tmp_path, "hand", "hdsafebo", 1.0)
-    flat(tmp_path, "hand", "cei_original", gain, space="original")
-    flat(tmp_path, "hand", "hdsafebo_local_original", 1.0, space="original")  # no baseline
+    flat(tmp_path, "hand", "cei_original", gain, space="original", algorithm="cei")
+    ours = {"space": "original", "algorithm": "hdsafebo_local"}  # no baseline
+    flat(tmp_path, "hand", "hdsafebo_local_original", 1.0, **ours)
     assert claim(tmp_path, "hand_original").verdicts[""].status == status
 
 

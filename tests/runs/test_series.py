@@ -65,7 +65,7 @@ def test_final_metrics(run: RunFile) -> None:
     assert table["failed"].tolist() == [1, 0]
 
 
-def test_early_violation_counts_the_first_share_of_the_optimised_trials(run: RunFile) -> None:
+def test_early_violation_counts_the_first_share_of_the_optimized_trials(run: RunFile) -> None:
     assert early_violation(run, 1 / 3).tolist() == [2.0, 0.0]
     assert early_violation(run, 1.0).tolist() == [2.5, 0.0]
 

@@ -198,7 +198,7 @@ def test_an_unsafe_trial_without_outcome_is_learnt_from(make_session: Make) -> N
     assert before["safe_probability"] > 0.9 > 0.1 > after["safe_probability"]
 
 
-def test_the_optimiser_abstains_rather_than_suggest_what_it_believes_unsafe(make_session: Make) -> None:
+def test_the_optimizer_abstains_rather_than_suggest_what_it_believes_unsafe(make_session: Make) -> None:
     session = make_session(safety=[{"name": "margin", "threshold": 5.0}])
     with pytest.raises(ProtocolError, match="none of the 8 completed trials meets margin >= 5"):
         session.suggest("ann")

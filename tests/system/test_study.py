@@ -28,7 +28,7 @@ def mixed() -> Study:
     return study
 
 
-def test_a_box_is_optimised_within_its_limit() -> None:
+def test_a_box_is_optimized_within_its_limit() -> None:
     study = box_study()
     for _ in range(20):
         suggestion = study.ask()

@@ -61,15 +61,15 @@ class DigitPredictor:
         with torch.random.fork_rng():
             torch.manual_seed(int(rng.integers(2**31)))
             self._network = _network(self.side)
-        optimiser = torch.optim.Adam(self._network.parameters(), lr=_LEARNING_RATE)
+        optimizer = torch.optim.Adam(self._network.parameters(), lr=_LEARNING_RATE)
         with one_torch_thread(), progress(epochs, "digit predictor") as advance:
             for _ in range(epochs):
                 loss = 0.0
                 for rows in np.array_split(rng.permutation(training), max(1, len(training) // _BATCH)):
-                    optimiser.zero_grad()
+                    optimizer.zero_grad()
                     value = nn.functional.cross_entropy(self._network(x[rows]), y[rows])
                     value.backward()
-                    optimiser.step()
+                    optimizer.step()
                     loss = value.item()
                 advance(note=f"loss {loss:.3f}")
         self._scale_outputs(images.pixels[training], images.labels[training])

@@ -87,7 +87,7 @@ def test_no_fit_has_more_trials_than_the_bound(monkeypatch: pytest.MonkeyPatch, 
     assert len(made.trials) == 28
 
 
-def test_a_bounded_optimiser_goes_on_from_its_file_to_the_bit(tmp_path: Path) -> None:
+def test_a_bounded_optimizer_goes_on_from_its_file_to_the_bit(tmp_path: Path) -> None:
     made = HdSafeBOLocal(bowl_problem(), seed=5, max_fitted_trials=10)
     observe_initial(made)
     run_rounds(made, 3)

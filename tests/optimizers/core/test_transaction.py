@@ -18,7 +18,7 @@ THREADS = 8
 
 
 @pytest.mark.parametrize("kind", [Sobol, LocalRandom])
-def test_eight_threads_share_one_optimiser(kind, tmp_path: Path) -> None:
+def test_eight_threads_share_one_optimizer(kind, tmp_path: Path) -> None:
     made = kind(bowl_problem())
     observe_initial(made)
 

@@ -15,9 +15,9 @@ from hdsafebo.runs.read import read_runs
 from report.run_files import trial_table, write_run
 
 
-def runs(root: Path, task: str, method: str, values: list[float]) -> None:
+def runs(root: Path, task: str, method: str, values: list[float], **metadata: object) -> None:
     tables = [trial_table(s, [0.0, v], [1.0, 1.0], n_initial=1, batch=1) for s, v in enumerate(values)]
-    write_run(root, task, method, tables, n_initial=1, batch=1)
+    write_run(root, task, method, tables, n_initial=1, batch=1, **metadata)
 
 
 def load(root: Path) -> Results:
@@ -37,7 +37,8 @@ def test_comparison_is_the_same_both_ways_and_every_time(tmp_path: Path) -> None
 def test_our_methods_are_compared_in_either_space(tmp_path: Path) -> None:
     methods = ["hdsafebo_local", "hdsafebo_local_original", "cmaes_original"]
     for k, method in enumerate(methods):
-        runs(tmp_path, "toy", method, [1.0 + k, 2.0 + k])
+        algorithm = "cmaes" if "cmaes" in method else "hdsafebo_local"
+        runs(tmp_path, "toy", method, [1.0 + k, 2.0 + k], algorithm=algorithm)
     table = comparison_table(load(tmp_path), "toy", methods).frame
     assert sorted(set(table["method"])) == ["hdsafebo_local", "hdsafebo_local_original"]
     row = table.set_index(["method", "against"]).loc[("hdsafebo_local_original", "cmaes_original")]

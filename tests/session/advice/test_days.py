@@ -9,7 +9,7 @@ import pytest
 
 from hdsafebo.gp.kernel import exact_distances, matern52
 from hdsafebo.session.advice.days import day_deviation, fit_days
-from hdsafebo.session.advice.informed import informed_optimiser
+from hdsafebo.session.advice.informed import informed_optimizer
 from hdsafebo.session.advice.shortlist import HdSafeBOShortlist
 from hdsafebo.session.session import Session
 from hdsafebo.session.spaces.space import Report
@@ -85,16 +85,16 @@ def _with_days(make_session: Callable[..., Session], shift: float) -> Session:
     return session
 
 
-def test_the_optimisers_model_is_without_the_days_effect(make_session: Callable[..., Session]) -> None:
+def test_the_optimizers_model_is_without_the_days_effect(make_session: Callable[..., Session]) -> None:
     session = _with_days(make_session, shift=0.5)
-    optimiser = informed_optimiser(session.definition, session.search(), "speed", 1, session.state.trials)
-    assert isinstance(optimiser, HdSafeBOShortlist)
+    optimizer = informed_optimizer(session.definition, session.search(), "speed", 1, session.state.trials)
+    assert isinstance(optimizer, HdSafeBOShortlist)
     later = np.array([t.day == 2 for t in session.state.trials])
-    np.testing.assert_array_equal(optimiser.search.days == 2, later)
-    optimiser.search._choose_theta()
-    fitted = optimiser.surrogate.objective
+    np.testing.assert_array_equal(optimizer.search.days == 2, later)
+    optimizer.search._choose_theta()
+    fitted = optimizer.surrogate.objective
     told = fitted.outcomes.restore(fitted.values)
-    effect = optimiser.trials.objective - told
+    effect = optimizer.trials.objective - told
     assert np.ptp(effect[later]) < 1e-12
     assert effect[later][0] - effect[~later][0] > 0.2
 

@@ -7,7 +7,7 @@ import pytest
 
 from hdsafebo.optimizers.core.proposal import Proposal, realise
 from hdsafebo.search.space import SearchSpace
-from hdsafebo.session.advice.informed import informed_optimiser
+from hdsafebo.session.advice.informed import informed_optimizer
 from hdsafebo.session.advice.search import BoxSearch
 from hdsafebo.session.definition import parse_definition
 from hdsafebo.session.log.state import Trial
@@ -50,11 +50,11 @@ def test_searched_codes_go_along_to_the_next_target() -> None:
     definition = parse_definition(box_definition())
     search = BoxSearch(GenericSpace(definition), Lossy())  # type: ignore[arg-type]
     trials = [done(i, [0.4 + 0.02 * i, 0.5, 0.1 * (i % 3)]) for i in range(8)]
-    first = informed_optimiser(definition, search, "speed", 0, trials)
+    first = informed_optimizer(definition, search, "speed", 0, trials)
     asked = first.ask(1)
     first.tell(asked, [1.0], [[0.1]])
     trials.append(done(8, asked.x[0].tolist()))
-    second = informed_optimiser(definition, search, "economy", 0, trials, before=first)
+    second = informed_optimizer(definition, search, "economy", 0, trials, before=first)
     np.testing.assert_array_equal(second.trials.z, first.trials.z)
     assert not np.allclose(second.trials.z[8], 0.45 * asked.x[0])
     np.testing.assert_array_equal(second.trials.z[:8], 0.45 * second.trials.x[:8])

@@ -61,10 +61,10 @@ def test_hyperparameters_are_searched_every_few_trials(make_session: Callable[..
     for _ in range(12):
         session.record("ann", measured(session.approve("ann", session.suggest("ann").number)))
         session.suggest("ann")
-        optimiser = session.advisor()._require()
-        assert isinstance(optimiser, HdSafeBOShortlist)
-        assert optimiser.refines() == (int(optimiser.trials.completed.sum()) % 3 == 0)
-        lengths.append(optimiser.surrogate.safety[0].length_scale)
+        optimizer = session.advisor()._require()
+        assert isinstance(optimizer, HdSafeBOShortlist)
+        assert optimizer.refines() == (int(optimizer.trials.completed.sum()) % 3 == 0)
+        lengths.append(optimizer.surrogate.safety[0].length_scale)
     changed = np.flatnonzero(~np.isclose(np.diff(lengths), 0.0, rtol=0.0, atol=1e-9))
     assert 1 <= len(changed) <= 4
 
@@ -76,9 +76,9 @@ def test_it_needs_a_finite_set(tmp_path: Path) -> None:
         create_session(tmp_path / "s", definition, who="ann", initial=initial)
 
 
-def test_taken_rows_are_those_of_every_optimiser(make_session: Callable[..., Session]) -> None:
+def test_taken_rows_are_those_of_every_optimizer(make_session: Callable[..., Session]) -> None:
     session = make_session("list", method=METHOD)
     session.suggest("ann")
-    optimiser = session.advisor()._require()
-    assert isinstance(optimiser, HdSafeBOShortlist)
-    np.testing.assert_array_equal(optimiser.taken, super(HdSafeBOShortlist, optimiser).taken)
+    optimizer = session.advisor()._require()
+    assert isinstance(optimizer, HdSafeBOShortlist)
+    np.testing.assert_array_equal(optimizer.taken, super(HdSafeBOShortlist, optimizer).taken)

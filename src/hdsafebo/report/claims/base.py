@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from hdsafebo.report.data.methods import ORIGINAL, style, task_label
+from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.data.metrics import METRIC_LABELS
 from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import interval, signed
@@ -85,8 +85,8 @@ def superiority(
 ) -> Verdict:
     """Is a method better than the paper's baselines in a metric on all the tasks?
 
-    A baseline counts as run when it ran in the searched space or, as `<name>_original`, in the original one;
-    each of its `VARIANTS` that ran is compared as well.
+    A baseline counts as run when a method with its algorithm ran, whatever space was searched; each of its
+    `VARIANTS` that ran is compared as well.
     """
     comparisons: dict[tuple[str, str], Comparison] = {}
     missing: set[str] = set()
@@ -94,7 +94,7 @@ def superiority(
         ran = results.methods(task)
         for baseline in baselines:
             names = (baseline, *VARIANTS.get(baseline, ()))
-            variants = [m for name in names for m in (name, name + ORIGINAL) if m in ran]
+            variants = [m for name in names for m in results.methods_with(task, name)]
             if method not in ran or not variants:
                 where = f" ({task_label(task)})" if len(tasks) > 1 else ""
                 missing.add(f"{style(baseline).label}{where}" if method in ran else task_label(task))

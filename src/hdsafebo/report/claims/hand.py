@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hdsafebo.report.claims.base import NOT_RUN, Claim, Verdict, grade, superiority_claim
-from hdsafebo.report.data.methods import ORIGINAL, beta_of_ablation, style
+from hdsafebo.report.data.methods import beta_of_ablation, style
 from hdsafebo.report.data.metrics import early_violation
 from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import interval, number, signed
@@ -39,7 +39,9 @@ def hand_claims(results: Results) -> list[Claim]:
 
 
 def _original_fails(results: Results) -> Claim:
-    ran = [m for m in results.methods("hand") if m.endswith(ORIGINAL) and not m.startswith("hdsafebo")]
+    metas = {m: results.meta("hand", m) for m in results.methods("hand")}
+    inputs = [m for m, meta in metas.items() if meta.space == "original"]
+    ran = [m for m in inputs if not metas[m].algorithm.startswith("hdsafebo")]
     verdict = NOT_RUN
     if ran and "hdsafebo" in results.methods("hand"):
         scale = results.estimate("hand", "hdsafebo", "improvement").mean

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from hdsafebo.params import Space
 from hdsafebo.report.claims.base import BASELINES, NOT_RUN, Claim, Verdict, grade, superiority_claim
-from hdsafebo.report.data.methods import ORIGINAL, style
+from hdsafebo.report.data.methods import style
 from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import signed
 
@@ -41,7 +42,7 @@ def synthetic_claims(results: Results) -> list[Claim]:
 
 
 def _safeopt(results: Results) -> Claim:
-    ran = [m for m in ("safeopt", "safeopt" + ORIGINAL) if m in results.methods("synthetic")]
+    ran = results.methods_with("synthetic", "safeopt")
     verdict = NOT_RUN
     if ran:
         table = results.metrics("synthetic", ran[0])
@@ -76,10 +77,12 @@ def _safeopt(results: Results) -> Claim:
 
 
 def _latent_against_original(results: Results) -> Claim:
-    pairs = [b for b in BASELINES if {b, b + ORIGINAL} <= set(results.methods("synthetic"))]
+    spaces: tuple[Space, ...] = ("latent", "original")
+    ran = {b: [results.methods_with("synthetic", b, space) for space in spaces] for b in BASELINES}
+    pairs = {b: (latent[0], original[0]) for b, (latent, original) in ran.items() if latent and original}
     verdict = NOT_RUN
     if pairs:
-        found = {b: results.compare("synthetic", b, b + ORIGINAL, "objective") for b in pairs}
+        found = {b: results.compare("synthetic", *pair, "objective") for b, pair in pairs.items()}
         ahead = sum(c.difference > 0 for c in found.values())
         worse = [style(b).label for b, c in found.items() if c.worse]
         status = grade(2 * ahead > len(found) and not worse, 2 * ahead >= len(found))

@@ -9,7 +9,6 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
 )  # fmt: skip
 
-ORIGINAL = "_original"
 INFORMED = "_informed"
 
 
@@ -75,12 +74,27 @@ _METHODS = {
     "hdsafebo_global": MethodStyle("no local search", "ablation", BLUE, "^", "dashed"),
     "hdsafebo_pessimistic": MethodStyle("no optimism", "ablation", GREEN, "D", "dashdot"),
 }
-_ORIGINAL_LINES = {
-    "linebo": (BLUE, "^", "dashed"),
-    "scbo": (GREEN, "D", "dashdot"),
-    "config": (PURPLE, "v", "dotted"),
-    "cei": (ORANGE, "P", "dashed"),
-    "cmaes": (SKY, "X", "dashdot"),
+# Methods in the problem's own space, by the names of their blocks in the profiles, as (O) of these methods.
+_IN_ORIGINAL_SPACE = {
+    "hdsafebo_local_original": ("hdsafebo_local", VERMILLION, "*", "dotted"),
+    "linebo_original": ("linebo", BLUE, "^", "dashed"),
+    "scbo_original": ("scbo", GREEN, "D", "dashdot"),
+    "config_original": ("config", PURPLE, "v", "dotted"),
+    "cei_original": ("cei", ORANGE, "P", "dashed"),
+    "cmaes_original": ("cmaes", SKY, "X", "dashdot"),
+    "cmaes_tuned_original": ("cmaes_tuned", SKY, "h", "dotted"),
+    "sobol_original": ("sobol", GREEN, "p", "dotted"),
+}
+_METHODS |= {
+    name: replace(
+        _METHODS[latent],
+        label=f"{_METHODS[latent].label} (O)",
+        family="original",
+        colour=colour,
+        marker=marker,
+        dash=dash,
+    )
+    for name, (latent, colour, marker, dash) in _IN_ORIGINAL_SPACE.items()
 }
 _OTHER_LINES = (
     (BLUE, "^", "dashed"),
@@ -95,13 +109,6 @@ MUSCLES = {"il": "IL", "vlrf": "VL&RF", "ta": "TA", "bfgm": "BF&GM", "st": "ST",
 
 def style(method: str) -> MethodStyle:
     """Style of a method; names that are not known keep their own name as label."""
-    base = method.removesuffix(ORIGINAL)
-    if base != method:
-        known = _METHODS.get(base, MethodStyle(base, "other", BLACK, "o"))
-        colour, marker, dash = _ORIGINAL_LINES.get(base, (VERMILLION, "*", "dotted"))
-        return replace(
-            known, label=f"{known.label} (O)", family="original", colour=colour, marker=marker, dash=dash
-        )
     if method in _METHODS:
         return _METHODS[method]
     beta = beta_of_ablation(method)
@@ -127,9 +134,9 @@ def order(methods: list[str]) -> list[str]:
     families, known = list(FAMILIES), list(_METHODS)
 
     def key(method: str) -> tuple[int, int, str]:
-        base = method.removesuffix(ORIGINAL)
         beta = beta_of_ablation(method)
-        rank = known.index(base) if base in known else len(known) + int(beta if beta is not None else 10**6)
+        last = len(known) + int(beta if beta is not None else 10**6)
+        rank = known.index(method) if method in known else last
         return families.index(style(method).family), rank, method
 
     return sorted(methods, key=key)

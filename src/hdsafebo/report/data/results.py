@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from hdsafebo.params import Space
 from hdsafebo.report.data.methods import INFORMED, is_informed, order
 from hdsafebo.report.data.metrics import HIGHER_IS_BETTER, per_seed
 from hdsafebo.report.stats.statistics import Comparison, Estimate, compare, estimate
@@ -83,6 +84,11 @@ class Results:
         names = self.pooled(task) if task in POOLS else [task]
         found = {m for t, m in self.runs if t in names}
         return order([m for m in found if len(self.parts(task, m)) == len(names)])
+
+    def methods_with(self, task: str, algorithm: str, space: Space | None = None) -> list[str]:
+        """Methods that were run on a task and have an algorithm, in a space or in any."""
+        metas = {method: self.meta(task, method) for method in self.methods(task)}
+        return [m for m, meta in metas.items() if meta.algorithm == algorithm and space in (None, meta.space)]
 
     @cached_property
     def experiments(self) -> list[str]:

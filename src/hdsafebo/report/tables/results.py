@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from hdsafebo.report.data.methods import ORIGINAL, style
+from hdsafebo.report.data.methods import style
 from hdsafebo.report.data.metrics import METRIC_LABELS
 from hdsafebo.report.data.paper import paper_value
 from hdsafebo.report.data.results import Results
@@ -108,7 +108,8 @@ def unconstrained_table(results: Results, task: str, methods: list[str], caption
 def comparison_table(results: Results, task: str, methods: list[str]) -> Table:
     """Paired differences of this project's methods, in either space, against every other method."""
     rows, records = [], []
-    for reference in (m for m in methods if style(m.removesuffix(ORIGINAL)).family == "ours"):
+    ours = [m for m in methods if style(results.meta(task, m).algorithm).family == "ours"]
+    for reference in ours:
         for other in (m for m in methods if m != reference):
             cells = [Cell(style(reference).label), Cell(style(other).label)]
             record: dict[str, object] = {"task": task, "method": reference, "against": other}

@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hdsafebo.errors import NoSafePointError
 from hdsafebo.optimizers.base import Optimizer
-from hdsafebo.session.advice.informed import informed_optimiser, results_of
+from hdsafebo.session.advice.informed import informed_optimizer, results_of
 from hdsafebo.session.advice.methods import load_method
 from hdsafebo.session.advice.search import Search
 from hdsafebo.session.definition import Definition, parse_definition
@@ -79,7 +79,7 @@ class Advisor:
     def __init__(self, definition: Definition, search: Search) -> None:
         self._definition = definition
         self.search = search
-        self._optimiser: Optimizer | None = None
+        self._optimizer: Optimizer | None = None
         self._asked: Advice | None = None
         self._undelivered = b""  # state before the suggestion that is being delivered
         self.state = State()
@@ -104,7 +104,7 @@ class Advisor:
         payload = entries[-1].payload
         advisor._asked = Advice(payload["point"], payload["belief"], before, after)
         advisor._undelivered = before
-        advisor._optimiser = advisor._load(after)
+        advisor._optimizer = advisor._load(after)
         return advisor
 
     @_one_thread
@@ -134,12 +134,12 @@ class Advisor:
         """
         if self._asked is not None:
             return self._asked
-        optimiser = self._require()
-        before = _save(optimiser)
+        optimizer = self._require()
+        before = _save(optimizer)
         try:
-            trials = self._ask(optimiser)
+            trials = self._ask(optimizer)
         except NoSafePointError:
-            self._optimiser = self._load(before)
+            self._optimizer = self._load(before)
             raise
         point = self.search.point_of(trials.x[0], int(trials.candidate[0]))
         belief = self._belief(trials) | {
@@ -147,25 +147,25 @@ class Advisor:
             "trust_region_length": _plain(trials.trust_region_length[0]),
             "marked_unsafe": bool(trials.marked_unsafe[0]),
         }
-        self._asked = Advice(point, belief, before, _save(optimiser))
+        self._asked = Advice(point, belief, before, _save(optimizer))
         self._undelivered = before
         return self._asked
 
-    def _ask(self, optimiser: Optimizer) -> Trials:
+    def _ask(self, optimizer: Optimizer) -> Trials:
         """A proposal that is believed safe where it will be evaluated: decoded, clipped and snapped."""
         forbidden = np.concatenate([self.search.restrict(self.state.last_point), self._declined()])
-        self._require_rows_left(optimiser, forbidden)
+        self._require_rows_left(optimizer, forbidden)
         nothing = np.empty((len(forbidden), 0))
         elsewhere = Trials.pending(nothing, nothing, 1, candidate=forbidden)
-        return optimiser.ask(1, pending=elsewhere)
+        return optimizer.ask(1, pending=elsewhere)
 
-    def _require_rows_left(self, optimiser: Optimizer, forbidden: IntArray) -> None:
+    def _require_rows_left(self, optimizer: Optimizer, forbidden: IntArray) -> None:
         """NoSafePointError when a finite set has no row left to suggest."""
         size = self.search.size
         if size is None:
             return
         left = np.ones(size, bool)
-        for rows in (optimiser.trials.candidate, forbidden):
+        for rows in (optimizer.trials.candidate, forbidden):
             left[rows[(rows >= 0) & (rows < size)]] = False
         if not left.any():
             raise NoSafePointError(
@@ -175,17 +175,17 @@ class Advisor:
     def withdraw(self) -> None:
         """Take the last `advise` back."""
         if self._asked is not None:
-            self._optimiser = self._load(self._asked.before)
+            self._optimizer = self._load(self._asked.before)
             self._asked = None
 
     @_one_thread
     def believe(self, point: Point) -> dict[str, Any] | None:
         """What the model believes of any point; None while there is nothing to believe from."""
-        optimiser = self._require()
-        if not optimiser.trials.completed.any():
+        optimizer = self._require()
+        if not optimizer.trials.completed.any():
             return None
         x, row = self.search.glance(point)
-        z = x if optimiser.embedding is None else optimiser.embedding.encode(x)
+        z = x if optimizer.embedding is None else optimizer.embedding.encode(x)
         return self._belief(Trials.pending(x, z, len(self.search.space.safety), candidate=np.array([row])))
 
     def _take(self, entry: Entry) -> None:
@@ -197,35 +197,35 @@ class Advisor:
     def _begin(self) -> None:
         """A new optimiser for the target, told all that is known."""
         entropy = np.random.SeedSequence([self._definition.seed, self.state.target_since])
-        self._optimiser = informed_optimiser(
+        self._optimizer = informed_optimizer(
             self._definition,
             self.search,
             self.state.target,
             int(entropy.generate_state(1)[0]),
             self.state.trials,
-            before=self._optimiser,
+            before=self._optimizer,
             today=self.state.pauses,
         )
 
     def _begin_day(self) -> None:
         """Trials from now on are of the present day."""
-        if self._optimiser is not None:
-            self._optimiser.begin_day(self.state.pauses)
+        if self._optimizer is not None:
+            self._optimizer.begin_day(self.state.pauses)
 
     def _learn(self, trial: Trial) -> None:
-        optimiser = self._require()
+        optimizer = self._require()
         if not trial.delivered:
             if trial.origin == "suggested" and trial.suggestion not in self._foreign:
-                self._optimiser = self._load(self._undelivered)
+                self._optimizer = self._load(self._undelivered)
                 self._begin_day()
             return
         objective, safety, status = results_of(trial, self.state.target, self.search, self.state.trials)
         if trial.origin == "suggested" and trial.suggestion not in self._foreign:
-            asked = int(np.flatnonzero(optimiser.trials.status == Status.PENDING)[-1])
-            optimiser.tell([asked], [objective], [safety], status=[status])
+            asked = int(np.flatnonzero(optimizer.trials.status == Status.PENDING)[-1])
+            optimizer.tell([asked], [objective], [safety], status=[status])
         else:
             x, row = self.search.input_of(trial.point)
-            optimiser.observe(x, [objective], [safety], status=[status], candidate=[row])
+            optimizer.observe(x, [objective], [safety], status=[status], candidate=[row])
 
     def _declined(self) -> IntArray:
         """Candidate rows that a person turned down, or that an unsafe trial rules out; for any target."""
@@ -239,10 +239,10 @@ class Advisor:
         return np.concatenate([refused, *(self.search.beyond(p) for p in unsafe)])
 
     def _belief(self, trials: Trials) -> dict[str, Any]:
-        optimiser = self._require()
-        inputs = optimiser.kernel_inputs(trials)
-        surrogate = optimiser.surrogate
-        mean, deviation = optimiser.in_units(*surrogate.objective.predict(inputs))
+        optimizer = self._require()
+        inputs = optimizer.kernel_inputs(trials)
+        surrogate = optimizer.surrogate
+        mean, deviation = optimizer.in_units(*surrogate.objective.predict(inputs))
         safety_mean, safety_deviation = surrogate.predict_safety(inputs)
         names = [s.name for s in self.search.space.safety]
         return {
@@ -285,14 +285,14 @@ class Advisor:
             return load_method(self._definition.method.name, path, problem, self.search.embedding)
 
     def _require(self) -> Optimizer:
-        assert self._optimiser is not None, "follow the entry `created` first"
-        return self._optimiser
+        assert self._optimizer is not None, "follow the entry `created` first"
+        return self._optimizer
 
 
-def _save(optimiser: Optimizer) -> bytes:
+def _save(optimizer: Optimizer) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "optimiser.safetensors"
-        optimiser.save(path)
+        optimizer.save(path)
         return path.read_bytes()
 
 

@@ -20,7 +20,7 @@ MOST_FITTED = 1000  # trials that a model is fitted to: with all of 10,000 a sug
 _DEFAULTS = {"empty_safe_set": "abstain", "max_fitted_trials": MOST_FITTED}
 
 
-def informed_optimiser(
+def informed_optimizer(
     definition: Definition,
     search: Search,
     target: str,
@@ -43,13 +43,13 @@ def informed_optimiser(
     Raises:
         ParamsError: the method has no safe set.
     """
-    optimiser = new_optimiser(definition, search, target, seed)
+    optimizer = new_optimizer(definition, search, target, seed)
     known = [t for t in trials if t.status != "running" and t.delivered]
     if known:
         inputs = [search.input_of(t.point) for t in known]
         results = [results_of(t, target, search, trials) for t in known]
         x = np.vstack([x for x, _ in inputs])
-        optimiser.observe(
+        optimizer.observe(
             x,
             [objective for objective, _, _ in results],
             np.array([safety for _, safety, _ in results]).reshape(-1, len(search.space.safety)),
@@ -58,8 +58,8 @@ def informed_optimiser(
             codes=None if before is None else _codes_of(x, before.trials),
             initial=True,
         )
-    optimiser.begin_day(today, np.array([t.day for t in known], np.int64))
-    return optimiser
+    optimizer.begin_day(today, np.array([t.day for t in known], np.int64))
+    return optimizer
 
 
 def _codes_of(x: FloatArray, trials: Trials) -> FloatArray:
@@ -69,8 +69,8 @@ def _codes_of(x: FloatArray, trials: Trials) -> FloatArray:
     return np.stack([known.get(row.tobytes(), nothing) for row in x])
 
 
-def new_optimiser(definition: Definition, search: Search, target: str, seed: int) -> Optimizer:
-    """An optimiser that knows nothing yet; see `informed_optimiser`."""
+def new_optimizer(definition: Definition, search: Search, target: str, seed: int) -> Optimizer:
+    """An optimiser that knows nothing yet; see `informed_optimizer`."""
     kind, _ = session_method(definition.method.name)
     if not issubclass(kind.Settings, SafeSetSettings):
         raise ParamsError(f"method.name: {definition.method.name!r} has no safe set; expected one that has")
@@ -84,13 +84,13 @@ def new_optimiser(definition: Definition, search: Search, target: str, seed: int
     )
 
 
-def kernel_inputs(optimiser: Optimizer, search: Search, trials: Sequence[Trial]) -> FloatArray:
+def kernel_inputs(optimizer: Optimizer, search: Search, trials: Sequence[Trial]) -> FloatArray:
     """(n, p) what the optimiser measures distances between, for the points of trials."""
     inputs = [search.input_of(t.point) for t in trials]
     x = np.vstack([x for x, _ in inputs])
-    z = x if optimiser.embedding is None else np.asarray(optimiser.embedding.encode(x), float)
+    z = x if optimizer.embedding is None else np.asarray(optimizer.embedding.encode(x), float)
     rows = np.array([row for _, row in inputs])
-    return optimiser.kernel_inputs(Trials.pending(x, z, len(search.space.safety), candidate=rows))
+    return optimizer.kernel_inputs(Trials.pending(x, z, len(search.space.safety), candidate=rows))
 
 
 def results_of(

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.session.advice.days import day_deviation, fit_days
-from hdsafebo.session.advice.informed import MOST_FITTED, kernel_inputs, new_optimiser
+from hdsafebo.session.advice.informed import MOST_FITTED, kernel_inputs, new_optimizer
 from hdsafebo.session.log.state import Trial
 from hdsafebo.session.session import Session
 from hdsafebo.typing import FloatArray, IntArray
@@ -61,8 +61,8 @@ def believed_best(
     if not counts.any():
         return {}
     search = session.search()
-    optimiser = new_optimiser(session.definition, search, session.state.target, session.definition.seed)
-    inputs = kernel_inputs(optimiser, search, known)
+    optimizer = new_optimizer(session.definition, search, session.state.target, session.definition.seed)
+    inputs = kernel_inputs(optimizer, search, known)
     days = np.array([t.day for t in known])
     outcomes = np.array([[(t.outcomes or {})[name] for name in names] for t in known])
     modelled = space.scale.modelled(outcomes)
