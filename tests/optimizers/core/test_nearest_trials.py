@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hdsafebo.errors import ParamsError
 from hdsafebo.gp import surrogate as surrogates
 from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
+from hdsafebo.optimizers.local import constrained
 from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
 from hdsafebo.optimizers.registry import make_optimizer
 from hdsafebo.trials import Status
@@ -73,13 +75,18 @@ def test_a_bound_that_is_not_reached_changes_nothing(method: str, kind: str) -> 
 @pytest.mark.parametrize("method", METHODS)
 def test_no_fit_has_more_trials_than_the_bound(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
     sizes = []
-    fit = surrogates.fit_gaussian_process
 
-    def counted(inputs, *args, **kwargs):  # type: ignore[no-untyped-def]
-        sizes.append(len(inputs))
-        return fit(inputs, *args, **kwargs)
+    def count(module: ModuleType, name: str) -> None:
+        fit = getattr(module, name)
 
-    monkeypatch.setattr(surrogates, "fit_gaussian_process", counted)
+        def counted(inputs, *args, **kwargs):  # type: ignore[no-untyped-def]
+            sizes.append(len(inputs))
+            return fit(inputs, *args, **kwargs)
+
+        monkeypatch.setattr(module, name, counted)
+
+    count(surrogates, "fit_gaussian_process")
+    count(constrained, "fit_warped_surrogate")
     made = make_optimizer(method, bowl_problem(), seed=2, max_fitted_trials=15)
     observe_initial(made)
     run_rounds(made, 4)
