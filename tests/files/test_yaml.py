@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hdsafebo.errors import ParamsError
-from hdsafebo.files.yaml import MAX_BYTES, read_mapping, write_mapping
+from hdsafebo.files.yaml import MAX_BYTES, parse_mapping, read_mapping, write_mapping
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{after}: &{after} [{', '.join([f'*{before}'] * 9)}]\n"
@@ -105,3 +105,16 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     again = read_mapping(tmp_path / "a.yaml", ParamsError)
     assert again == data
     assert list(again) == ["b", "a"], "keys keep their order"
+
+
+@pytest.mark.parametrize(
+    "text", ["a: 1\n%YAML 1.2\n", "a: 1\n%YAML 1.2\nb: 2\n", "%TAG\na: 1\n", "a: 1\n%FOO bar\n"]
+)
+def test_directives_in_the_midst_of_a_document_are_refused_or_read(text: str) -> None:
+    """The parser ends with errors of other kinds on some of them; none may leave the reader."""
+    message = ""
+    try:
+        data = parse_mapping(text, "file.yaml", ParamsError)
+    except ParamsError as error:
+        message = str(error)
+    assert "file.yaml" in message or data["a"] == 1

@@ -98,7 +98,11 @@ class _Fault(Exception):
 def _plain_data(text: str) -> Any:
     constructor, parser = YAML(typ="safe", pure=True).get_constructor_parser(text)
     try:
-        node = constructor.composer.get_single_node()
+        try:
+            node = constructor.composer.get_single_node()
+        except (AttributeError, LookupError, TypeError, ValueError) as fault:
+            # ruamel's scanner ends so on some malformed texts, such as a directive within a document.
+            raise YAMLError(f"malformed ({type(fault).__name__} while reading)") from None
         if node is None:
             return None
         _check(node, None, constructor, {}, set())
