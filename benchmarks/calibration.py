@@ -103,7 +103,7 @@ class Asked:
 def ask_on(seed: int, alpha: float, rounds: int, asked: Asked) -> None:
     """One problem."""
     problem = Drawn(seed)
-    optimizer = HdSafeBO(problem, seed=seed, alpha=alpha, candidates=128)
+    optimizer = HdSafeBO(problem, seed=seed, alpha=alpha, candidates=128, empty_safe_set="mark")
     x, _ = problem.initial(INITIAL, np.random.default_rng([seed, 1]))
     first = problem.evaluate(Trials.pending(x, x, 1))
     optimizer.observe(x, first.objective, first.safety, initial=True)
@@ -122,7 +122,7 @@ def ask_all(seeds: range, alpha: float, rounds: int, *, given: bool) -> Asked:
     asked = Asked()
     for seed in seeds:
         if given:
-            with patch("hdsafebo.optimizers.base.fit_surrogate", given_surrogate):
+            with patch("hdsafebo.optimizers.core.fits.fit_surrogate", given_surrogate):
                 ask_on(seed, alpha, rounds, asked)
         else:
             ask_on(seed, alpha, rounds, asked)

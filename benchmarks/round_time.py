@@ -45,7 +45,7 @@ DISTINCT = list({(m.module, m.kind): name for name, m in reversed(METHODS.items(
 DISTINCT.remove("random_lowest")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 PHASES = {
-    "fit": ("hdsafebo.optimizers.base.fit_surrogate", "hdsafebo.gp.ard_process.WarmStart.process"),
+    "fit": ("hdsafebo.optimizers.core.fits.fit_surrogate", "hdsafebo.gp.ard_process.WarmStart.process"),
     "safe_set": (
         "hdsafebo.gp.surrogate.Surrogate.believed_safe",
         "hdsafebo.gp.surrogate.Surrogate.predict_safety",

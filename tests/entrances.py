@@ -208,7 +208,7 @@ def _input(relative: str, content: Any) -> tuple[Callable[[Path], None], Callabl
 
     def read(path: Path) -> None:
         root = Path(str(path).removesuffix(relative))
-        read_inputs(root, safety_threshold=0.05, field_map=None)
+        read_inputs(root, root / "data" / "runs")
 
     return write, read
 
@@ -364,11 +364,8 @@ ENTRANCES = {
         ),
     ),
     "stimulation of the report": Entrance(
-        "data/spinal/stimulation.parquet",
-        *_input(
-            "data/spinal/stimulation.parquet",
-            {"g": _NUMBERS, "si_ST_left": _NUMBERS, "si_ST_right": _NUMBERS},
-        ),
+        "data/spinal/selectivity.json",
+        *_input("data/spinal/selectivity.json", {"rows": 3, "threshold": 0.05, "safe_share": 0.5}),
     ),
     "traversal": Entrance(
         "data/spinal/traversal.json", *_input("data/spinal/traversal.json", {"seconds": 1.0})

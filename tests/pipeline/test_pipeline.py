@@ -20,6 +20,8 @@ COPIED = (
     "src",
     "stages",
     "profiles",
+    "data/mnist",
+    "reports/reference/benchmarks/outside/table.json",
     "dvc.yaml",
     "params.yaml",
     ".dvc/config",
