@@ -116,5 +116,5 @@ def test_source_is_drawn_anew_each_epoch() -> None:
 
     embedding = make_embedding("vae", **{**SMALL, "epochs": 40, "warm_start_epochs": 20, "batch_size": 10})
     embedding.fit(sheet(100), rng=np.random.default_rng(0), source=source)
-    # scale and held-out points once, then principal components, twenty warm epochs and forty
-    assert calls == [90, 10, 90, *[90] * 60]
+    # scale and held-out points once, principal components, twenty warm epochs and forty, the box of all codes
+    assert calls == [90, 10, 90, *[90] * 60, 100]

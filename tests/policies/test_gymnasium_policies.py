@@ -367,5 +367,5 @@ def test_the_search_improves_safely() -> None:
         optimizer.tell(asked, results.objective, results.safety, status=results.status())
     after = optimizer.best()
     assert after is not None
-    assert after.objective[0] > before.objective[0]
+    assert after.objective > before.objective
     assert optimizer.feasible[~optimizer.trials.initial].mean() >= 0.9
