@@ -27,12 +27,13 @@ from hdsafebo.files.atomic import write_json
 from hdsafebo.params import Spinal
 from hdsafebo.spinal.activating_function import sample
 from hdsafebo.spinal.configurations import enumerate_configurations
-from hdsafebo.spinal.finite_elements.lead_field import LeadField, as_lead_field, cord_contacts, solve
 from hdsafebo.spinal.finite_elements.reference_cylinder import LayeredCylinder
+from hdsafebo.spinal.finite_elements.solution import as_lead_field, cord_contacts, solve
 from hdsafebo.spinal.geometry.anatomy import Anatomy
 from hdsafebo.spinal.geometry.conductivity import conductivity_table, cord_conductivity
 from hdsafebo.spinal.geometry.mesh import cord_mesh
 from hdsafebo.spinal.geometry.section import EdgeLengths, cord_section
+from hdsafebo.spinal.lead_field import LeadField
 from hdsafebo.spinal.muscles import districts
 from hdsafebo.spinal.traversal import Traversal, traverse
 from hdsafebo.spinal.verification import RADII, cylinder_errors

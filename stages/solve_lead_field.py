@@ -6,7 +6,7 @@ import time
 
 from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.spinal.figures import activating_figure, bipole, mesh_figure, potential_figure, save_figure
-from hdsafebo.spinal.finite_elements.lead_field import as_lead_field, cord_contacts, solve
+from hdsafebo.spinal.finite_elements.solution import as_lead_field, cord_contacts, solve
 from hdsafebo.spinal.geometry.anatomy import Anatomy
 from hdsafebo.spinal.geometry.conductivity import conductivity_table, cord_conductivity
 from hdsafebo.spinal.geometry.mesh import cord_mesh

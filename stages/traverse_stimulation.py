@@ -13,8 +13,8 @@ from hdsafebo.spinal.activating_function import sample
 from hdsafebo.spinal.configurations import enumerate_configurations
 from hdsafebo.spinal.dataset import to_table, write_dataset
 from hdsafebo.spinal.figures import save_figure, selectivity_figure
-from hdsafebo.spinal.finite_elements.lead_field import LeadField
 from hdsafebo.spinal.geometry.anatomy import Anatomy
+from hdsafebo.spinal.lead_field import LeadField
 from hdsafebo.spinal.muscles import districts
 from hdsafebo.spinal.summary import selectivity_summary
 from hdsafebo.spinal.traversal import traverse

@@ -281,7 +281,7 @@ def _load_predictor(path: Path) -> object:
 
 
 def _lead_field(path: Path) -> None:
-    from hdsafebo.spinal.finite_elements.lead_field import LeadField
+    from hdsafebo.spinal.lead_field import LeadField
 
     grid = np.zeros((4, 5))
     triangles = np.zeros((2, 3), int)
@@ -293,7 +293,7 @@ def _lead_field(path: Path) -> None:
 
 
 def _load_lead_field(path: Path) -> object:
-    from hdsafebo.spinal.finite_elements.lead_field import LeadField
+    from hdsafebo.spinal.lead_field import LeadField
 
     return LeadField.load(path)
 

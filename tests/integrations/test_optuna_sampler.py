@@ -69,4 +69,4 @@ def test_without_safe_trials_nothing_is_drawn() -> None:
 def test_several_objectives_are_refused() -> None:
     study = begin(HdSafeBOSampler(), directions=["minimize", "minimize"])
     with pytest.raises(DescriptionError, match="2 objectives"):
-        study.ask().suggest_float("a", 0.0, 10.0)
+        study.ask()

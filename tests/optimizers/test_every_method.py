@@ -24,10 +24,12 @@ from optimizers.toy import Halving, bowl_problem, observe_initial, rows_problem
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 
 FIRST_OF_KIND = {(m.module, m.kind): name for name, m in reversed(METHODS.items())}
+ROWS_ONLY = {"random_lowest", "thompson_rows"}
+"""The controls that choose among the rows of a finite set; their own tests are beside the other controls'."""
 NAMES = [
     pytest.param(name, marks=pytest.mark.slow) if name == "cei" else name  # test_cei.py has its fast tests
     for name in reversed(FIRST_OF_KIND.values())
-    if name not in ("random_lowest", "thompson_rows")  # of finite sets, see controls
+    if name not in ROWS_ONLY
 ]
 OWN_START = {"sobol", "turbo", "hesbo", "baxus", "cmaes", "cmaes_centre", "random_lowest"}
 ABSTAIN = {name for name in METHODS if issubclass(method_class(name)[0].Settings, CentreSettings)} - {
@@ -320,8 +322,15 @@ def test_unknown_setting_is_named(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(set(METHODS) - OWN_START))
 def test_without_any_data_the_missing_is_named(name: str) -> None:
+    problem = rows_problem() if name in ROWS_ONLY else bowl_problem()
     with pytest.raises(NoSafePointError, match="observe"):
-        make_optimizer(name, bowl_problem()).ask(3)
+        make_optimizer(name, problem).ask(3)
+
+
+@pytest.mark.parametrize("name", sorted(ROWS_ONLY))
+def test_a_control_of_rows_refuses_a_box(name: str) -> None:
+    with pytest.raises(ProblemError, match=f"{name} needs a candidate set"):
+        make_optimizer(name, bowl_problem())
 
 
 def test_random_lowest_draws_the_weakest_rows_only(tmp_path: Path) -> None:
@@ -407,6 +416,8 @@ def test_unmarked_trials_are_believed_safe_where_they_will_be_evaluated(
     name: str, place: str, policy: str
 ) -> None:
     make_problem, embedding = PLACES[place]
+    if name in ROWS_ONLY and "rows" not in place:
+        pytest.skip("chooses among rows")
     optimizer = make(name, make_problem(), embedding=embedding, beta=-1.5, empty_safe_set=policy, initial=20)
     asked = 0
     for n in (6, 1, 6, 6, 1, 6):

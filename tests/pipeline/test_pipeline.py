@@ -29,6 +29,16 @@ COPIED = (
     ".dvcignore",
     "pyproject.toml",
 )
+SOBOL_RUNS = {
+    "optimize_synthetic@sobol",
+    "optimize_hand@hand-sobol",
+    "optimize_hand@hand_informed-sobol",
+    "optimize_scs@scs_st-sobol",
+    "optimize_scs@scs_st_informed-sobol",
+    "optimize_digits@digits_3-sobol",
+    "optimize_digits@digits_3_informed-sobol",
+}
+"""The runs of one method in the smoke profile."""
 
 
 def run(root: Path, *command: str, ok: bool = True) -> str:
@@ -125,10 +135,7 @@ def test_a_second_repro_runs_nothing(finished: Path) -> None:
             {"unused": 1},
             {
                 "code",
-                "optimize_synthetic@sobol",
-                "optimize_hand@sobol",
-                "optimize_scs@scs_st-sobol",
-                "optimize_digits@digits_3-sobol",
+                *SOBOL_RUNS,
             },
         ),
         ("tracking.enabled", False, set()),
@@ -161,12 +168,7 @@ def test_a_change_of_one_block_reruns_exactly_its_dependants(
         ("optimizers/baselines/scbo.py", set()),  # the smoke profile does not run it
         (
             "optimizers/controls/sobol.py",
-            {
-                "optimize_synthetic@sobol",
-                "optimize_hand@sobol",
-                "optimize_scs@scs_st-sobol",
-                "optimize_digits@digits_3-sobol",
-            },
+            SOBOL_RUNS,
         ),
         ("spinal/finite_elements/solver.py", {"solve_lead_field"}),
         ("report/page.py", {"report"}),

@@ -7,17 +7,12 @@ import pytest
 
 from hdsafebo.spinal.activating_function import ActivatingFunction, sample
 from hdsafebo.spinal.configurations import enumerate_configurations
-from hdsafebo.spinal.finite_elements.lead_field import (
-    LeadField,
-    Solution,
-    as_lead_field,
-    cord_contacts,
-    solve,
-)
+from hdsafebo.spinal.finite_elements.solution import Solution, as_lead_field, cord_contacts, solve
 from hdsafebo.spinal.geometry.anatomy import Anatomy
 from hdsafebo.spinal.geometry.conductivity import conductivity_table, cord_conductivity
 from hdsafebo.spinal.geometry.mesh import PrismMesh, cord_mesh
 from hdsafebo.spinal.geometry.section import EdgeLengths, cord_section
+from hdsafebo.spinal.lead_field import LeadField
 from hdsafebo.spinal.muscles import districts
 from hdsafebo.spinal.traversal import Traversal, traverse
 

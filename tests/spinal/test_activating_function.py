@@ -15,8 +15,8 @@ from hdsafebo.spinal.activating_function import (
     equal_volume_heights,
     sample,
 )
-from hdsafebo.spinal.finite_elements.lead_field import LeadField
 from hdsafebo.spinal.geometry.anatomy import Anatomy
+from hdsafebo.spinal.lead_field import LeadField
 
 FIBRES = np.array([[0.5, 1.0], [-2.0, -1.0]])
 Z = np.linspace(20.0, 88.0, 30)

@@ -15,8 +15,8 @@ from hdsafebo.spinal.figures import (
     save_figure,
     selectivity_figure,
 )
-from hdsafebo.spinal.finite_elements.lead_field import LeadField
 from hdsafebo.spinal.geometry.anatomy import Anatomy
+from hdsafebo.spinal.lead_field import LeadField
 from hdsafebo.spinal.muscles import districts
 from hdsafebo.spinal.traversal import Traversal
 

@@ -47,16 +47,19 @@ class HdSafeBOSampler(BaseSampler):
         self._study: Study | None = None
         self._known: dict[int, int | None] = {}  # number of an Optuna trial -> id here, None once it is told
 
-    def infer_relative_search_space(
-        self, study: OptunaStudy, trial: FrozenTrial
-    ) -> dict[str, BaseDistribution]:
-        """The parameters of all trials so far; none for a trial that was enqueued with its values.
+    def before_trial(self, study: OptunaStudy, trial: FrozenTrial) -> None:
+        """Refuse what cannot be searched, before anything is drawn.
 
         Raises:
             DescriptionError: the study has several objectives.
         """
         if len(study.directions) != 1:
             raise DescriptionError(f"the study has {len(study.directions)} objectives; expected one")
+
+    def infer_relative_search_space(
+        self, study: OptunaStudy, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
+        """The parameters of all trials so far; none for a trial that was enqueued with its values."""
         if "fixed_params" in trial.system_attrs:
             return {}
         return {n: d for n, d in self._space.calculate(study).items() if not d.single()}

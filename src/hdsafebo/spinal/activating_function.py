@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hdsafebo.errors import AnatomyError
-from hdsafebo.spinal.finite_elements.lead_field import LeadField
+from hdsafebo.spinal.lead_field import LeadField
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hdsafebo.spinal.activating_function import along_fibres
 from hdsafebo.spinal.configurations import current_shares
-from hdsafebo.spinal.finite_elements.lead_field import LeadField
+from hdsafebo.spinal.lead_field import LeadField
 from hdsafebo.spinal.muscles import MUSCLES, District
 
 Array = NDArray[np.float64]

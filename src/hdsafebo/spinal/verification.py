@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from hdsafebo.spinal.activating_function import INTERNODE, along_fibres, potential_on_fibres
 from hdsafebo.spinal.finite_elements.assembly import Contact
-from hdsafebo.spinal.finite_elements.lead_field import MILLIVOLTS, LeadField, Solution, solve
 from hdsafebo.spinal.finite_elements.reference_cylinder import LayeredCylinder
+from hdsafebo.spinal.finite_elements.solution import Solution, solve
 from hdsafebo.spinal.geometry.conductivity import Conductivity
 from hdsafebo.spinal.geometry.mesh import PrismMesh, SliceMap, extrude, graded_axis
 from hdsafebo.spinal.geometry.section import EdgeLengths, Section, build_section, circle, graded_size
+from hdsafebo.spinal.lead_field import MILLIVOLTS, LeadField
 
 Array = NDArray[np.float64]
 

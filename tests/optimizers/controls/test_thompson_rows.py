@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from hdsafebo.errors import ProblemError
 from hdsafebo.optimizers.controls.thompson_rows import ThompsonRows
-from optimizers.toy import bowl_problem, observe_initial, rows_problem, run_rounds
+from optimizers.toy import observe_initial, rows_problem, run_rounds
 
 
 def test_rows_are_believed_safe_and_the_best_is_found() -> None:
@@ -28,10 +27,3 @@ def test_a_kernel_input_of_a_point_outside_the_set_is_that_of_its_nearest_row() 
     x = problem.candidates.features[[7]] + 1e-6
     optimizer.observe(x, *problem.function(x), initial=True)
     np.testing.assert_array_equal(optimizer.kernel_inputs(optimizer.trials), problem.candidates.features[[7]])
-
-
-def test_it_needs_a_finite_set() -> None:
-    optimizer = ThompsonRows(bowl_problem(), seed=0)
-    observe_initial(optimizer, 20)
-    with pytest.raises(ProblemError, match="'bowl' has none"):
-        optimizer.ask(2)

@@ -7,7 +7,7 @@ import pytest
 
 from hdsafebo.errors import AnatomyError, UnknownNameError
 from hdsafebo.spinal.finite_elements.assembly import Contact, contact_currents, stiffness
-from hdsafebo.spinal.finite_elements.lead_field import cord_contacts
+from hdsafebo.spinal.finite_elements.solution import cord_contacts
 from hdsafebo.spinal.geometry.anatomy import Anatomy
 from hdsafebo.spinal.geometry.conductivity import Conductivity, conductivity_table, cord_conductivity
 from hdsafebo.spinal.geometry.mesh import PrismMesh, extrude

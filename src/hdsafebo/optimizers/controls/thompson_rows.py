@@ -42,6 +42,11 @@ class ThompsonRows(Optimizer[ThompsonRowsSettings]):
     Settings = ThompsonRowsSettings
     uses = Optimizer.uses | {"candidate_rows"}
 
+    def prepare(self) -> None:
+        """Refuse a problem without rows."""
+        if self.problem.candidates is None:
+            raise ProblemError(f"thompson_rows needs a candidate set; problem {self.problem.name!r} has none")
+
     def propose(self, n: int) -> Proposal:
         """n rows, each the best of its own posterior sample."""
         features = self._rows().features
@@ -65,6 +70,5 @@ class ThompsonRows(Optimizer[ThompsonRowsSettings]):
 
     def _rows(self) -> CandidateSet:
         candidates = self.problem.candidates
-        if candidates is None:
-            raise ProblemError(f"thompson_rows needs a candidate set; problem {self.problem.name!r} has none")
+        assert candidates is not None
         return candidates

@@ -17,18 +17,14 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 from skfem.helpers import dot, grad
 
-from hdsafebo.errors import HdSafeBOError
 from hdsafebo.progress import progress
 from hdsafebo.spinal.geometry.conductivity import Conductivity
 from hdsafebo.spinal.geometry.mesh import PrismMesh
+from hdsafebo.spinal.lead_field import LeadFieldError
 
 Array = NDArray[np.float64]
 
 _MOST_ITERATIONS = 200
-
-
-class LeadFieldError(HdSafeBOError):
-    """The potential could not be computed, or a lead field file is not what it should be."""
 
 
 @skfem.BilinearForm
