@@ -359,7 +359,7 @@ def test_random_lowest_needs_levels() -> None:
 
 @pytest.mark.parametrize("name", METHODS)
 def test_a_setting_that_would_change_nothing_is_unknown(name: str) -> None:
-    problem = rows_problem() if name == "random_lowest" else bowl_problem()
+    problem = rows_problem() if name in ROWS_ONLY else bowl_problem()
     for setting, value, known in (
         ("empty_safe_set", "abstain", name in ABSTAIN),
         ("beta", -1.0, issubclass(method_class(name)[0].Settings, ModelSettings)),
