@@ -108,9 +108,6 @@ def candidates_around(
 ) -> FloatArray:
     """(k, d) points: good ones, uniform ones in a box, steps from good ones, and steps along some axes.
 
-    Points on the lines from the incumbent to the good ones are there for thin safe sets, in whose corners no
-    random step stays: where constraints are nearly linear, a line between safe points is safe.
-
     Args:
         incumbent: (d,).
         good: (g, d) the best trials.
@@ -118,7 +115,7 @@ def candidates_around(
         box: half side of the box of the uniform ones.
         rng: source of randomness.
     """
-    d, m = len(incumbent), _CANDIDATES // 4
+    d, m = len(incumbent), _CANDIDATES // 3
     lower, upper = np.maximum(0.0, incumbent - box), np.minimum(1.0, incumbent + box)
 
     def length() -> FloatArray:
@@ -127,5 +124,4 @@ def candidates_around(
     uniform = lower + (upper - lower) * rng.random((m, d))
     steps = good[np.arange(m) % len(good)] + length() * rng.standard_normal((m, d)) / np.sqrt(d)
     axes = incumbent + length() * rng.uniform(-1.0, 1.0, (m, d)) * (rng.random((m, d)) < 0.5)
-    lines = incumbent + rng.random((m, 1)) * (good[np.arange(m) % len(good)] - incumbent)
-    return np.clip(np.concatenate([good, uniform, steps, axes, lines]), lower, upper)
+    return np.clip(np.concatenate([good, uniform, steps, axes]), lower, upper)
