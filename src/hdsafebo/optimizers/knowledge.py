@@ -317,7 +317,6 @@ class Knowledge(ABC, Generic[S]):
             rows,
             inputs_of=self.inputs_of,
             objective=self.outcomes_to_fit(rows),
-            settings=self.model_settings,
             noise=self.noise_prior,
             refine=self.refines(),
             start=start,
