@@ -41,8 +41,6 @@ class ModelSettings(OptimizerSettings):
     Attributes:
         beta: a point is in the safe set when mu + beta * sigma >= h (paper: 2 in all experiments).
         alpha: safe probability to promise instead, beta = Phi^-1(1 - alpha) (paper, Proposition 1).
-        isotropic: divide all code dimensions by one number for the kernel, as Proposition 3 of the paper
-            needs, or each by its own width (see `search.space`); None does so when there is an embedding.
         max_fitted_trials: the surrogate is fitted only to so many completed trials, those nearest to the best
             feasible one (see `nearest_trials`), so that a round costs the same however many there are; None
             fits it to all. What is believed safe, and each safe probability, is then given those trials
@@ -54,7 +52,6 @@ class ModelSettings(OptimizerSettings):
 
     beta: float = 2.0
     alpha: float | None = Field(default=None, gt=0, lt=1)
-    isotropic: bool | None = None
     max_fitted_trials: int | None = Field(default=None, ge=1)
 
     @model_validator(mode="after")
