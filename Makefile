@@ -66,6 +66,8 @@ lock: $(STAMP)  ## pin all packages with their hashes, from pyproject.toml; UPGR
 docs: $(STAMP)  ## write the pages that come from the code and build the documentation into site/, warnings are errors
 	$(BIN)/python -m tools.docs
 	$(BIN)/zensical build --strict --config-file mkdocs.yml
+	$(BIN)/python -m tools.docs --finish site
+	$(BIN)/python tools/check_site.py site
 
 tutorials: $(STAMP)  ## run the tutorials and write their pages and pictures
 	$(BIN)/python -m tools.docs --tutorials
