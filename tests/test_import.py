@@ -30,6 +30,16 @@ def test_importing_the_package_loads_no_heavy_library() -> None:
     assert result.stdout.strip() == "[]"
 
 
+def test_describing_a_system_waits_for_no_model() -> None:
+    heavy = (*HEAVY, "scipy", "hdsafebo.gp", "hdsafebo.optimizers.base")
+    code = (
+        "import sys; from hdsafebo import Choice, Integer, Limit, Objective, Real, Study, System; "
+        f"print([m for m in {heavy!r} if m in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
+
+
 def test_every_public_name_can_be_imported_and_is_listed() -> None:
     code = "import hdsafebo; assert set(hdsafebo.__all__) <= set(dir(hdsafebo)); from hdsafebo import *"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -27,6 +27,7 @@ from hdsafebo.session.session import Session
 from hdsafebo.session.spaces.space import Report
 from hdsafebo.session.spaces.stimulation import StimulationSpace, arrays
 from hdsafebo.session.views.audit import replay
+from hdsafebo.session.views.slices import slices
 from hdsafebo.spinal.configurations import enumerate_configurations
 from tests.session.measuring.test_stimulator import allowed_by_hand
 from tests.session.small import CURRENTS_MA, FakeClock, approve_open, refuse_open, small_definition
@@ -179,6 +180,14 @@ def test_scores_and_recordings_are_checked_and_the_session_goes_on(clinic: Clini
     again = session.record("ann", Report((b"# a remark: 1\n" + unlabelled, "again.csv"), good), done.number)
     assert again == done  # the same samples for the same trial: recorded already
     session.record("ann", Report(values=good))
+
+
+def test_a_slice_runs_along_the_current(clinic: Clinic) -> None:
+    session, _ = clinic
+    line = slices(session, session.state.trials[0])[0]
+    assert line.name == "current_ma"
+    assert line.beliefs[-1].at == session.space.envelope.limits.max_current_ma
+    assert all(0.0 <= b.safe_probability <= 1.0 and b.deviation > 0 for b in line.beliefs)
 
 
 def test_a_missing_recording_keeps_the_scores(clinic: Clinic) -> None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import rankdata
 
 from hdsafebo.typing import FloatArray, Shaped
 
@@ -64,4 +63,6 @@ def normal_scores(y: Shaped[FloatArray, " n"]) -> Shaped[FloatArray, " n"]:
     Modelled in place of the values they spread out what is crowded, such as the best of them, and have the
     same maximiser (Gaussian copula, as in SCBO: Eriksson and Poloczek, AISTATS 2021, section 3.2).
     """
+    from scipy.stats import rankdata  # half a second of import
+
     return np.asarray(ndtri((rankdata(y) - 0.5) / len(y)))

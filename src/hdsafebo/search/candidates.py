@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import qmc
 
 from hdsafebo.typing import FloatArray, Shaped
 
@@ -13,6 +12,8 @@ _PERTURBED = 20
 
 def sobol_points(n: int, dimension: int, rng: np.random.Generator) -> Shaped[FloatArray, "n d"]:
     """(n, d) points of a scrambled Sobol sequence in the unit cube."""
+    from scipy.stats import qmc  # half a second of import
+
     # A seed is drawn, since SciPy would spawn a child of `rng`, which saving its state would not remember.
     sequence = qmc.Sobol(dimension, scramble=True, rng=int(rng.integers(2**63)))
     first = 1 << (n.bit_length() - 1)  # SciPy warns when a sequence does not start with a power of two

@@ -282,8 +282,12 @@ class Session:
 
     def believe(self, point: Point) -> dict[str, Any] | None:
         """What the model believes of any point now; None while it knows nothing."""
+        return next(iter(self.believe_all([point])), None)
+
+    def believe_all(self, points: Sequence[Point]) -> list[dict[str, Any]]:
+        """What the model believes of points now; nothing while it knows nothing."""
         self.refresh()
-        return self.advisor().believe(self.space.point(point))
+        return self.advisor().believe([self.space.point(point) for point in points])
 
     def advisor(self) -> Advisor:
         """The optimiser, brought forward to the end of the log."""

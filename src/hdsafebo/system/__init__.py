@@ -7,7 +7,7 @@ descriptions. Nothing here knows how a method chooses.
     parameters, constraints, outcomes   the parts of a description
     description                         `System`, to and from YAML and JSON
     codec, candidates, problem          how an optimiser sees it
-    tables                              by name, never by position
+    tables, reading                     by name, never by position; from tables to the box
     study, storage, beliefs             ask, tell, observe, predict, best; one folder per study
     interop                             Xopt's VOCS, Ax's search space
 """

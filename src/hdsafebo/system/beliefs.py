@@ -1,4 +1,7 @@
-"""What is believed, in the user's units: predictions, the best settings, what another trial may gain."""
+"""What is believed, in the user's units: predictions, the best settings, what another trial may gain.
+
+Models are imported where they are used, so that describing a system does not wait for them.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +9,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import ndtr
 
-from hdsafebo.gp.safe_set import safe_probability
-from hdsafebo.optimizers.base import Optimizer
-from hdsafebo.optimizers.core.contexts import in_context
-from hdsafebo.search.candidates import sobol_points
 from hdsafebo.system.problem import SettingsList, SystemProblem
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from hdsafebo.optimizers.base import Optimizer
 
 DEVIATION = "_sd"
 SAFE = "_safe"
@@ -88,6 +88,8 @@ def predict(optimizer: Optimizer, x: FloatArray) -> pd.DataFrame:
     """
     import pandas as pd
 
+    from hdsafebo.gp.safe_set import safe_probability
+
     problem = optimizer.problem
     assert isinstance(problem, SystemProblem)
     system, surrogate = problem.codec.system, optimizer.surrogate
@@ -120,6 +122,8 @@ def best(optimizer: Optimizer, context: FloatArray | None) -> Best | None:
         optimizer: of the study.
         context: (c,) columns under which beliefs are compared; None takes each trial under its own.
     """
+    from hdsafebo.optimizers.core.contexts import in_context
+
     rows = np.flatnonzero(optimizer.feasible)
     if len(rows) == 0:
         return None
@@ -175,6 +179,10 @@ def expected_gain(optimizer: Optimizer, context: FloatArray | None) -> float:
     Returns:
         0 when nothing untried is believed safe.
     """
+    from scipy.special import ndtr
+
+    from hdsafebo.search.candidates import sobol_points
+
     problem, surrogate = optimizer.problem, optimizer.surrogate
     assert isinstance(problem, SystemProblem)
     rng = np.random.default_rng(0)

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, LinearConstraint, milp
 
 from hdsafebo.system.errors import DescriptionError, TableError
 from hdsafebo.system.parameters import Real
@@ -254,6 +253,8 @@ class Feasible:
 
     def _find_anchor(self) -> FloatArray:
         """(k,) a setting that meets every constraint by as much as any does."""
+        from scipy.optimize import Bounds, LinearConstraint, milp  # only systems with constraints wait for it
+
         k = len(self.parameters)
         spacing = np.array([p.spacing or 1.0 for p in self.parameters])
         offset = np.where(self._stepped, self.lower, 0.0)

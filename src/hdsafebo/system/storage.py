@@ -140,3 +140,18 @@ class Folder:
         except OSError:
             return None
         return status.st_ino, status.st_mtime_ns, status.st_size
+
+
+def check_same(path: str | Path, stored: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Raise StudyError that names the first part in which two descriptions differ."""
+    for key in [*stored, *given]:
+        if stored.get(key) != given.get(key):
+            raise StudyError(
+                f"{path}: {key} of the study's system is {_short(stored.get(key))}; "
+                f"expected {_short(given.get(key))}"
+            )
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 200 else text[:197] + "..."

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,24 +20,20 @@ import numpy as np
 
 from hdsafebo.errors import HdSafeBOError
 from hdsafebo.optimizers.registry import load_optimizer, make_optimizer
-from hdsafebo.system import beliefs
-from hdsafebo.system.beliefs import SAFE_PROBABILITY, Best
+from hdsafebo.system import beliefs, reading
+from hdsafebo.system.beliefs import Best
 from hdsafebo.system.description import System
 from hdsafebo.system.errors import StudyError, TableError
 from hdsafebo.system.problem import SystemProblem
-from hdsafebo.system.storage import Folder, Plan
-from hdsafebo.system.tables import NOISE, STATUS, TRIAL, columns_of, measured, require, result_names
-from hdsafebo.trials import Status, Trials
-from hdsafebo.typing import FloatArray
+from hdsafebo.system.storage import Folder, Plan, check_same
+from hdsafebo.system.tables import STATUS, columns_of, measured, require, result_names
+from hdsafebo.trials import Status
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from hdsafebo.optimizers.base import Optimizer
     from hdsafebo.system.tables import Table
-
-_STATES = {Status.PENDING: "pending", Status.COMPLETED: "completed", Status.FAILED: "failed"}
-_LEAST_SHOWN = 5
 
 
 @dataclass(frozen=True)
@@ -126,7 +122,7 @@ class Study:
             if value is not None and known.get(key) != value:
                 raise StudyError(f"{path}: {key} of the study is {known.get(key)!r}; expected {value!r}")
         if system is not None:
-            _check_same(path, stored.to_dict(), system.to_dict())
+            check_same(path, stored.to_dict(), system.to_dict())
         study = cls.__new__(cls)
         study._begin(stored, plan, folder)
         with study._current():
@@ -164,11 +160,11 @@ class Study:
             TableError: a context is missing, unknown or out of range.
             NoSafePointError: nothing is believed safe; the message says what to do.
         """
-        held = self._context(context)
+        held = reading.context_columns(self._problem.codec, context)
         with self._step() as optimizer:
             trials = optimizer.ask(1 if n is None else n, context=held)
         if n is not None:
-            return self._suggested(trials)
+            return reading.suggested(self._problem.codec, trials)
         known = {c.name for c in self.system.contexts}
         values = self._problem.codec.records(trials.x)[0]
         return Suggestion(
@@ -208,7 +204,7 @@ class Study:
         if isinstance(trial, Suggestion | int | np.integer):
             number = trial.trial if isinstance(trial, Suggestion) else int(trial)
             ids = [number]
-            columns = self._single(results, failed, noise)
+            columns = reading.results_of_one(self.system, results, failed, noise)
             instead = dict(ran or {})
             require(instead, [], self.system.inputs, "ran")
         else:
@@ -216,11 +212,11 @@ class Study:
                 raise TableError(
                     "a table of trials holds all that is told of them; leave the other arguments out"
                 )
-            ids, columns = self._table(trial)
+            ids, columns = reading.results_of_many(self.system, trial)
             instead = {n: columns.pop(n) for n in self.system.inputs if n in columns}
         told = measured(self.system, columns, len(ids))
         with self._step() as optimizer:
-            x = self._inputs_run(optimizer, ids, instead)
+            x = reading.inputs_run(self._problem.codec, optimizer.trials.x, ids, instead)
             optimizer.tell(ids, told.objective, told.safety, status=told.status, x=x, noise=told.noise)
 
     def observe(self, table: Table) -> None:
@@ -239,7 +235,7 @@ class Study:
         outcomes = [] if STATUS in columns else list(self.system.outcomes)
         require(columns, [*needed, *outcomes], [*fixed, *result_names(self.system)], "the table")
         n = len(next(iter(columns.values())))
-        x = self._encoded(columns, n)
+        x = reading.encoded(self._problem.codec, columns, n)
         told = measured(self.system, columns, n)
         with self._step() as optimizer:
             trials = beliefs.pending(optimizer, x)
@@ -273,7 +269,7 @@ class Study:
         fixed = [p.name for p in self.system.parameters if p.width == 0]
         require(columns, [name for name in self.system.inputs if name not in fixed], fixed, "the table")
         with self._current() as optimizer:
-            return beliefs.predict(optimizer, self._encoded(columns, n))
+            return beliefs.predict(optimizer, reading.encoded(self._problem.codec, columns, n))
 
     def best(self, *, context: Mapping[str, Any] | None = None) -> Best | None:
         """The best setting as measured and as believed, of those that kept every limit; None without one.
@@ -281,7 +277,7 @@ class Study:
         Args:
             context: under which settings are compared; None compares each under its own.
         """
-        held = None if context is None else self._context(context)
+        held = None if context is None else reading.context_columns(self._problem.codec, context)
         with self._current() as optimizer:
             return beliefs.best(optimizer, held)
 
@@ -290,7 +286,7 @@ class Study:
 
         Stop when it is less than a trial costs.
         """
-        held = self._context(context)
+        held = reading.context_columns(self._problem.codec, context)
         with self._current() as optimizer:
             return beliefs.expected_gain(optimizer, held if self.system.contexts else None)
 
@@ -300,21 +296,8 @@ class Study:
         Columns: parameters, contexts, outcomes, `status`, `safe` (every limit was kept), `initial`, `round`,
         `safe_probability` (as believed before the trial), `marked_unsafe`.
         """
-        import pandas as pd
-
         with self._current() as optimizer:
-            trials, safe = optimizer.trials, optimizer.feasible
-            rows = beliefs.outcomes(self._problem, trials)
-        table = pd.DataFrame(self._problem.codec.table(trials.x), index=pd.Index(trials.id, name=TRIAL))
-        for name in self.system.outcomes:
-            table[name] = [row[name] for row in rows]
-        table[STATUS] = [_STATES[Status(s)] for s in trials.status]
-        table["safe"] = safe
-        table["initial"] = trials.initial
-        table["round"] = trials.round
-        table[SAFE_PROBABILITY] = trials.predicted_safe_probability
-        table["marked_unsafe"] = trials.marked_unsafe
-        return table
+            return reading.history(self._problem, optimizer.trials, optimizer.feasible)
 
     def to_csv(self, path: str | Path) -> None:
         """Write `to_dataframe` to a file, whole or not at all."""
@@ -327,7 +310,7 @@ class Study:
         """Trials that were asked and not told, as `ask` gave them."""
         with self._current() as optimizer:
             trials = optimizer.trials
-            return self._suggested(trials[trials.status == Status.PENDING])
+            return reading.suggested(self._problem.codec, trials[trials.status == Status.PENDING])
 
     @property
     def optimizer(self) -> Optimizer:
@@ -384,91 +367,3 @@ class Study:
         else:
             self._new()
         folder.note()
-
-    # --- between tables and the box
-
-    def _context(self, context: Mapping[str, Any] | None) -> FloatArray:
-        columns = columns_of(dict(context or {}), "the context")
-        require(columns, [c.name for c in self.system.contexts], [], "the context")
-        if not self.system.contexts:
-            return np.empty(0)
-        codec = self._problem.codec
-        return codec.encode(codec.check(columns, self.system.contexts), self.system.contexts)[0]
-
-    def _encoded(self, columns: Mapping[str, Sequence[Any]], n: int) -> FloatArray:
-        codec = self._problem.codec
-        full = {p.name: [p.python(0)] * n for p in self.system.parameters if p.width == 0} | dict(columns)
-        return codec.encode(codec.check(full, codec.parts))
-
-    def _inputs_run(
-        self, optimizer: Optimizer, ids: Sequence[int], instead: Mapping[str, Any]
-    ) -> FloatArray | None:
-        """(n, D) inputs that were really run; None when they are those that were asked."""
-        if not instead:
-            return None
-        known = optimizer.trials
-        if any(not 0 <= i < len(known) for i in ids):
-            return None  # unknown trials are refused by tell
-        asked = known.x[list(ids)]
-        columns = self._problem.codec.table(asked)
-        given = {name: v if isinstance(v, list) else [v] for name, v in instead.items()}
-        x = self._encoded(columns | given, len(ids))
-        same = np.abs(x - asked) <= 1e-9  # a table that gives back what was asked
-        return np.where(same, asked, x)
-
-    def _single(
-        self, results: Table | None, failed: bool, noise: Mapping[str, float] | None
-    ) -> dict[str, list[Any]]:
-        if failed:
-            if results:
-                raise TableError("a failed trial has no results; leave them out, or tell it as completed")
-            return {STATUS: ["failed"]}
-        if results is None:
-            raise TableError(
-                f"results are missing; expected {', '.join(self.system.outcomes)}, or failed=True"
-            )
-        columns = columns_of(results, "results")
-        for name, value in (noise or {}).items():
-            columns[name + NOISE] = [value]
-        require(columns, self.system.outcomes, result_names(self.system), "results")
-        if len(columns[self.system.outcomes[0]]) != 1:
-            raise TableError("results have several rows for one trial; tell a table with the column 'trial'")
-        return columns
-
-    def _table(self, table: Table) -> tuple[list[int], dict[str, list[Any]]]:
-        columns = columns_of(table, "the table")
-        index: Any = getattr(table, "index", None)
-        if TRIAL not in columns and getattr(index, "name", None) == TRIAL:
-            columns[TRIAL] = list(index)
-        outcomes = [] if STATUS in columns else list(self.system.outcomes)
-        shown = [*self.system.inputs, SAFE_PROBABILITY, "marked_unsafe"]
-        require(columns, [TRIAL, *outcomes], [*result_names(self.system), *shown], "the table")
-        ids = []
-        for i, value in enumerate(columns.pop(TRIAL)):
-            if isinstance(value, bool) or int(value) != value:
-                raise TableError(f"row {i}: trial is {value!r}; expected the number of a trial")
-            ids.append(int(value))
-        return ids, {n: v for n, v in columns.items() if n not in (SAFE_PROBABILITY, "marked_unsafe")}
-
-    def _suggested(self, trials: Trials) -> pd.DataFrame:
-        import pandas as pd
-
-        table = pd.DataFrame(self._problem.codec.table(trials.x), index=pd.Index(trials.id, name=TRIAL))
-        table[SAFE_PROBABILITY] = trials.predicted_safe_probability
-        table["marked_unsafe"] = trials.marked_unsafe
-        return table
-
-
-def _check_same(path: str | Path, stored: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Raise StudyError that names the first part in which two descriptions differ."""
-    for key in [*stored, *given]:
-        if stored.get(key) != given.get(key):
-            raise StudyError(
-                f"{path}: {key} of the study's system is {_short(stored.get(key))}; "
-                f"expected {_short(given.get(key))}"
-            )
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 200 else text[:197] + "..."

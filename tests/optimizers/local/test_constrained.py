@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hdsafebo.errors import NoSafePointError
+from hdsafebo.errors import NoSafePointError, TrialError
 from hdsafebo.gp.warped_surrogate import WarpedSurrogate
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.constrained import ConstrainedSearch
@@ -72,7 +72,6 @@ def test_noise_is_not_taken_for_an_error_of_the_model() -> None:
     ("make", "kind"),
     [
         (lambda: HdSafeBOLocal(bowl_problem()), ConstrainedSearch),
-        (lambda: HdSafeBOLocal(bowl_problem(), isotropic=True), AscentSearch),
         (lambda: HdSafeBOLocal(bowl_problem(dimension=101)), AscentSearch),
         (
             lambda: HdSafeBOLocal(bowl_problem(), embedding=Halving(), bounds=[[0.0] * 4, [0.5] * 4]),
@@ -83,6 +82,33 @@ def test_noise_is_not_taken_for_an_error_of_the_model() -> None:
 def test_which_search_runs(make, kind: type) -> None:
     assert type(make().search) is kind
     assert type(HdSafeBOLocal(rows_problem()).search).__name__ == "RowSearch"
+
+
+def test_it_ends_with_the_first_failure_that_teaches(tmp_path) -> None:
+    problem = bowl_problem()
+    problem.failures_teach = True
+    made = started(problem)
+    run_rounds(made, 2, 2)
+    search_of(made)
+    trials = made.ask(2)
+    objective, safety = problem.function(trials.x)
+    with pytest.raises(TrialError, match="finite"):  # a refused call goes back to the search before
+        made.tell(trials, [np.nan, np.nan], safety, status=[Status.FAILED, Status.COMPLETED])
+    search_of(made)
+    made.tell(trials.id[:1], objective[:1], safety[:1], status=[Status.FAILED])
+    made.save(tmp_path / "state")
+    loaded = HdSafeBOLocal.load(tmp_path / "state", problem)
+    for optimizer in (made, loaded):
+        optimizer.tell(trials.id[1:], objective[1:], safety[1:])
+        assert type(optimizer.search) is AscentSearch
+        assert optimizer.surrogate.completion
+    np.testing.assert_array_equal(made.ask(2).x, loaded.ask(2).x)
+
+    problem.failures_teach = False
+    ignoring = started(problem)
+    asked = ignoring.ask(1)
+    ignoring.tell(asked, [0.0], [0.0], status=[Status.FAILED])
+    search_of(ignoring)
 
 
 def test_the_region_grows_and_shrinks_with_violations() -> None:

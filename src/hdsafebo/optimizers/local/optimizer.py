@@ -7,7 +7,10 @@ from typing import Any
 from numpy.typing import NDArray
 
 from hdsafebo.errors import ParamsError
+from hdsafebo.gp.surrogate import Beliefs, DistanceCache, SurrogateState
+from hdsafebo.gp.warped_surrogate import WarpedState
 from hdsafebo.optimizers.base import Optimizer, Proposal
+from hdsafebo.optimizers.core.fits import State
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.constrained import ConstrainedSearch
@@ -16,7 +19,8 @@ from hdsafebo.optimizers.local.pools import PoolSearch
 from hdsafebo.optimizers.local.restarts import Restarts
 from hdsafebo.optimizers.local.rows import RowSearch
 from hdsafebo.optimizers.local.settings import HdSafeBOLocalSettings, RestartSettings
-from hdsafebo.trials import Trials
+from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import IntArray
 
 _MOST_INPUTS = 100
 """Beyond, steps of SLSQP, whose work grows with the cube of their number, take most of a round."""
@@ -49,14 +53,26 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
         """The one that suits the problem and the searched space."""
         if self.problem.candidates is not None:
             return RowSearch(self)
-        metric = self.metric
+        metric, self._restarts = self.metric, None
         if not self._continuous:
             return PoolSearch(self, metric)
-        if self._searches_inputs():
+        if self._constrained():
             return ConstrainedSearch(self)
         search = HiddenSearch(self, metric) if metric.hides_directions else AscentSearch(self, metric)
         self._restarts = Restarts(search, self.settings.restarts or RestartSettings())
         return search
+
+    @property
+    def search(self) -> LocalSearch:
+        """The search; the constrained one ends with the first failure that teaches."""
+        if self._search is not None and isinstance(self._search, ConstrainedSearch) != self._constrained():
+            self._search = None
+        return super().search
+
+    def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
+        """As the search does; a search that took over has no earlier fit."""
+        kind = WarpedState if isinstance(self.search, ConstrainedSearch) else SurrogateState
+        return super().fit(rows, start if isinstance(start, kind) else None, cache)
 
     @property
     def _continuous(self) -> bool:
@@ -64,13 +80,15 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
         problem = self.problem
         return problem.candidates is None and not problem.lands and not problem.contexts
 
-    def _searches_inputs(self) -> bool:
-        """Whether a length scale per input makes sense: inputs are the problem's own, and not too many.
+    def _constrained(self) -> bool:
+        """Whether the constrained search can do it: its models have no place for a failure."""
+        failed = self.problem.failures_teach and bool((self.trials.status == Status.FAILED).any())
+        return self._continuous and self._searches_inputs() and not failed
 
-        Where failed trials teach, the model of failures is isotropic, and so are the others.
-        """
-        own = self.embedding is None and self.problem.features is None and not self.problem.failures_teach
-        return own and not self.settings.isotropic and self.space.dimension <= _MOST_INPUTS
+    def _searches_inputs(self) -> bool:
+        """Whether a length scale per input makes sense: inputs are the problem's own, and not too many."""
+        own = self.embedding is None and self.problem.features is None
+        return own and self.space.dimension <= _MOST_INPUTS
 
     def propose(self, n: int) -> Proposal:
         """What the search proposes; a single trial may begin the next climb instead."""
@@ -87,6 +105,8 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
 
     def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Of the search, and of its restarts."""
+        if self._search is not None:
+            _ = self.search  # the one that a loaded optimiser would have
         state, arrays = super().method_state()
         return state | ({} if self._restarts is None else self._restarts.state()), arrays
 

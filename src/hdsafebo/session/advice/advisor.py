@@ -17,7 +17,7 @@ to the bit; `mismatches` says where it did not.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,7 +35,7 @@ from hdsafebo.session.definition import Definition, parse_definition
 from hdsafebo.session.log.chain import Entry
 from hdsafebo.session.log.state import Point, State, Trial
 from hdsafebo.trials import Status, Trials
-from hdsafebo.typing import IntArray
+from hdsafebo.typing import FloatArray, IntArray
 
 _DECISIONS = ("approved", "modified", "refused")
 _EXPIRING = ("suggested", "manual", "target_switched", "stopped", "tightened")
@@ -142,7 +142,7 @@ class Advisor:
             self._optimizer = self._load(before)
             raise
         point = self.search.point_of(trials.x[0], int(trials.candidate[0]))
-        belief = self._belief(trials) | {
+        belief = self._beliefs(optimizer.kernel_inputs(trials))[0] | {
             "violation_bound": _plain(trials.violation_bound[0]),
             "trust_region_length": _plain(trials.trust_region_length[0]),
             "marked_unsafe": bool(trials.marked_unsafe[0]),
@@ -179,14 +179,19 @@ class Advisor:
             self._asked = None
 
     @_one_thread
-    def believe(self, point: Point) -> dict[str, Any] | None:
-        """What the model believes of any point; None while there is nothing to believe from."""
+    def believe(self, points: Sequence[Point]) -> list[dict[str, Any]]:
+        """What the model believes of any points; nothing while there is nothing to believe from."""
         optimizer = self._require()
-        if not optimizer.trials.completed.any():
-            return None
+        if not optimizer.trials.completed.any() or not points:
+            return []
+        return self._beliefs(np.vstack([self._glance(optimizer, point) for point in points]))
+
+    def _glance(self, optimizer: Optimizer, point: Point) -> FloatArray:
+        """(1, p) kernel inputs of a point that is only looked at."""
         x, row = self.search.glance(point)
         z = x if optimizer.embedding is None else optimizer.embedding.encode(x)
-        return self._belief(Trials.pending(x, z, len(self.search.space.safety), candidate=np.array([row])))
+        count = len(self.search.space.safety)
+        return optimizer.kernel_inputs(Trials.pending(x, z, count, candidate=np.array([row])))
 
     def _take(self, entry: Entry) -> None:
         """Bring state and limits forward by an entry."""
@@ -238,21 +243,25 @@ class Advisor:
         unsafe = [t.point for t in self.state.trials if t.safety is not None and not safe(t.safety)]
         return np.concatenate([refused, *(self.search.beyond(p) for p in unsafe)])
 
-    def _belief(self, trials: Trials) -> dict[str, Any]:
+    def _beliefs(self, inputs: FloatArray) -> list[dict[str, Any]]:
+        """Of (n, p) kernel inputs."""
         optimizer = self._require()
-        inputs = optimizer.kernel_inputs(trials)
         surrogate = optimizer.surrogate
         mean, deviation = optimizer.in_units(*surrogate.objective.predict(inputs))
         safety_mean, safety_deviation = surrogate.predict_safety(inputs)
+        probability = surrogate.safe_probability(inputs)
         names = [s.name for s in self.search.space.safety]
-        return {
-            "objective": {"mean": float(mean[0]), "sd": float(deviation[0])},
-            "safety": {
-                name: self._shown(name, float(safety_mean[0, j]), float(safety_deviation[0, j]))
-                for j, name in enumerate(names)
-            },
-            "safe_probability": float(surrogate.safe_probability(inputs)[0]),
-        }
+        return [
+            {
+                "objective": {"mean": float(mean[i]), "sd": float(deviation[i])},
+                "safety": {
+                    name: self._shown(name, float(safety_mean[i, j]), float(safety_deviation[i, j]))
+                    for j, name in enumerate(names)
+                },
+                "safe_probability": float(probability[i]),
+            }
+            for i in range(len(inputs))
+        ]
 
     def _shown(self, name: str, mean: float, deviation: float) -> dict[str, float]:
         """A safety function's prediction in its own units: the mean, two standard deviations around it."""

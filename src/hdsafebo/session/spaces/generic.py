@@ -116,6 +116,16 @@ class GenericSpace(Space):
             raise LimitError(f"values of {', '.join(missing)} are missing")
         return self.point({"values": [values[name] for name in self.inputs]})
 
+    def along(self, point: Point, count: int) -> dict[str, list[tuple[float, Point]]]:
+        """Along every input; see `Space.along`."""
+        lines: dict[str, list[tuple[float, Point]]] = {}
+        for j, name in enumerate(self.inputs):
+            if self._lowest[j] < self._highest[j]:
+                values = np.linspace(self._lowest[j], self._highest[j], count).tolist()
+                before, after = point["values"][:j], point["values"][j + 1 :]
+                lines[name] = [(v, {"values": [*before, v, *after]}) for v in values]
+        return lines
+
     def row(self, point: Point) -> dict[str, float]:
         """One column per input."""
         return dict(zip(self.inputs, point["values"], strict=True))

@@ -94,6 +94,18 @@ class Space(ABC):
         """
 
     @abstractmethod
+    def along(self, point: Point, count: int) -> dict[str, list[tuple[float, Point]]]:
+        """Points that differ from one in a single quantity, over the range that the hard limits leave it.
+
+        Args:
+            point: the inputs.
+            count: of points for each quantity.
+
+        Returns:
+            For each quantity that varies, its values, increasing, and the points.
+        """
+
+    @abstractmethod
     def row(self, point: Point) -> dict[str, float]:
         """A point as named columns."""
 

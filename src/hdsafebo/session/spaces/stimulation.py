@@ -112,6 +112,12 @@ class StimulationSpace(Space):
             raise LimitError(f"current {current!r}: {_POINT_HINT}")
         return self.point({"polarity": polarity, CURRENT_COLUMN: value})
 
+    def along(self, point: Point, count: int) -> dict[str, list[tuple[float, Point]]]:
+        """Along the current; see `Space.along`."""
+        highest = self.envelope.limits.max_current_ma
+        currents = np.linspace(highest / count, highest, count).tolist()
+        return {CURRENT_COLUMN: [(v, point | {CURRENT_COLUMN: v}) for v in currents]}
+
     def row(self, point: Point) -> dict[str, float]:
         """Columns e1 ... e16 and current_ma."""
         return dict(zip(self.inputs, [*point["polarity"], point[CURRENT_COLUMN]], strict=True))

@@ -1,4 +1,4 @@
-"""Two small pictures as SVG text: calibration, and the course of a target. No plotting library is needed."""
+"""Small pictures as SVG text: calibration, the course of a target, slices. No plotting library is needed."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from html import escape
 
 from hdsafebo.session.session import Session
+from hdsafebo.session.views.slices import Slice
 from hdsafebo.session.views.summary import CalibrationBin, calibration
 from hdsafebo.session.words import shown
 
 _WIDTH, _HEIGHT = 420, 260
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 14, 40
+_SPLIT = 150
+"""Where the upper half of a slice ends."""
 _INK, _GREY, _SAFE, _UNSAFE = "#1b1f24", "#8a919a", "#0b5fa5", "#b3261e"
 
 
@@ -53,18 +56,51 @@ def course_svg(session: Session, target: str) -> str:
     return _frame("course", parts)
 
 
+def slice_svg(line: Slice) -> str:
+    """Outcome (mean, two standard deviations) and below it the safe probability along one quantity."""
+    xs = [b.at for b in line.beliefs]
+    low = min([b.mean - 2 * b.deviation for b in line.beliefs] + [y for _, y, _ in line.trials])
+    high = max([b.mean + 2 * b.deviation for b in line.beliefs] + [y for _, y, _ in line.trials])
+    room = 0.05 * (high - low) or 1.0
+    x, gap = (xs[0], xs[-1]), 14
+    above = _Axes(x, (low - room, high + room), height=_SPLIT - _TOP)
+    below = _Axes(x, (0.0, 1.0), top=_SPLIT + gap, height=_HEIGHT - _BOTTOM - _SPLIT - gap)
+    parts = above.vertical([low, (low + high) / 2, high], line.target)
+    parts += below.vertical([0.0, 0.5, 1.0], "safe prob.")
+    upper = [(b.at, b.mean + 2 * b.deviation) for b in line.beliefs]
+    lower = [(b.at, b.mean - 2 * b.deviation) for b in reversed(line.beliefs)]
+    parts += [above.area([*upper, *lower]), above.line([(b.at, b.mean) for b in line.beliefs])]
+    parts += [above.dot(at, y, _SAFE if safe else _UNSAFE) for at, y, safe in line.trials]
+    parts.append(below.line([(b.at, b.safe_probability) for b in line.beliefs]))
+    for axes in (above, below):
+        ends = ((axes.px(line.centre), axes.py(axes.y[0])), (axes.px(line.centre), axes.py(axes.y[1])))
+        parts.append(_stroke(*ends, _GREY))
+    for value, anchor in ((xs[0], "start"), (xs[-1], "end")):
+        parts.append(_text(below.px(value), _HEIGHT - 26, f"{value:.4g}", anchor=anchor))
+    label = f"{line.name} (upright line: {line.centre:.4g})"
+    parts.append(_text(_LEFT + above.width / 2, _HEIGHT - 10, label))
+    return _frame(f"slice along {line.name}", parts)
+
+
 class _Axes:
     """Data coordinates to pixels."""
 
-    def __init__(self, x: tuple[float, float], y: tuple[float, float]) -> None:
+    def __init__(
+        self,
+        x: tuple[float, float],
+        y: tuple[float, float],
+        *,
+        top: float = _TOP,
+        height: float = _HEIGHT - _TOP - _BOTTOM,
+    ) -> None:
         self.x, self.y = x, y
-        self.width, self.height = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
+        self.top, self.width, self.height = top, _WIDTH - _LEFT - _RIGHT, height
 
     def px(self, x: float) -> float:
         return _LEFT + self.width * (x - self.x[0]) / (self.x[1] - self.x[0])
 
     def py(self, y: float) -> float:
-        return _TOP + self.height * (1 - (y - self.y[0]) / (self.y[1] - self.y[0]))
+        return self.top + self.height * (1 - (y - self.y[0]) / (self.y[1] - self.y[0]))
 
     def vertical(self, ticks: Sequence[float], label: str) -> list[str]:
         """Grid lines with numbers, and the axis' label."""
@@ -75,7 +111,7 @@ class _Axes:
                 f'<line x1="{_LEFT}" x2="{_WIDTH - _RIGHT}" y1="{y:.1f}" y2="{y:.1f}" stroke="#dfe3e8"/>'
             )
             parts.append(_text(_LEFT - 6, y + 4, f"{tick:.3g}", anchor="end"))
-        middle = _TOP + self.height / 2
+        middle = self.top + self.height / 2
         parts.append(
             f'<text transform="translate(12 {middle:.0f}) rotate(-90)" text-anchor="middle" fill="{_INK}">'
             f"{escape(label)}</text>"
@@ -85,6 +121,11 @@ class _Axes:
     def dot(self, x: float, y: float, fill: str) -> str:
         """A point."""
         return f'<circle cx="{self.px(x):.1f}" cy="{self.py(y):.1f}" r="2.6" fill="{fill}"/>'
+
+    def area(self, points: Sequence[tuple[float, float]]) -> str:
+        """A polygon."""
+        path = " ".join(f"{self.px(x):.1f},{self.py(y):.1f}" for x, y in points)
+        return f'<polygon points="{path}" fill="{_SAFE}" fill-opacity="0.18"/>'
 
     def line(self, points: Sequence[tuple[float, float]]) -> str:
         """A polyline."""

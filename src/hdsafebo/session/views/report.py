@@ -11,7 +11,8 @@ from hdsafebo.session.session import DISCLAIMER, Session
 from hdsafebo.session.views.audit import verify_session
 from hdsafebo.session.views.believed import believed_best
 from hdsafebo.session.views.html import Html, join, raw, table, tag
-from hdsafebo.session.views.plots import calibration_svg, course_svg
+from hdsafebo.session.views.plots import calibration_svg, course_svg, slice_svg
+from hdsafebo.session.views.slices import slices
 from hdsafebo.session.views.summary import calibration, counts, is_unsafe, promised
 
 _STYLE = """
@@ -49,6 +50,7 @@ def write_report(session: Session, path: Path) -> Path:
         tag("p", "Session ", tag("code", session.state.session), *checked),
         _overview(session),
         _targets(session),
+        _slices(session),
         _calibration(session),
         _unsafe(session),
         _decisions(session),
@@ -102,6 +104,22 @@ def _targets(session: Session) -> Html:
     return join(
         [tag("h2", "Targets"), tag("p", text), table(head, rows), tag("div", *figures, class_="figures")]
     )
+
+
+def _slices(session: Session) -> Html:
+    target = session.state.target
+    best = believed_best(session, [target]).get(target)
+    lines = [] if best is None else slices(session, best.trial)
+    if best is None or not lines:
+        return join([tag("h2", "Slices"), tag("p", "Nothing is believed yet.")])
+    text = (
+        f"What the model believes of {target} (line: mean, band: two standard deviations) and of safety "
+        f"along each input, through the trial believed best (trial {best.trial.number}, "
+        f"{session.space.describe(best.trial.point)}). Dots: all trials, wherever their other inputs lie; "
+        "red ones were unsafe."
+    )
+    figures = [tag("figure", raw(slice_svg(line))) for line in lines]
+    return join([tag("h2", "Slices"), tag("p", text), tag("div", *figures, class_="figures")])
 
 
 def _calibration(session: Session) -> Html:

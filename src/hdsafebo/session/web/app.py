@@ -32,7 +32,8 @@ from hdsafebo.session.measuring.recordings import MAX_BYTES
 from hdsafebo.session.session import Session
 from hdsafebo.session.spaces.space import Report
 from hdsafebo.session.views.believed import believed_best
-from hdsafebo.session.views.plots import calibration_svg, course_svg
+from hdsafebo.session.views.plots import calibration_svg, course_svg, slice_svg
+from hdsafebo.session.views.slices import slices
 from hdsafebo.session.views.summary import status, trial_data
 from hdsafebo.session.web.guard import Guard
 from hdsafebo.session.words import LONGEST, parse_json, trimmed_text
@@ -220,17 +221,21 @@ class Page:
             self._working.release()
 
     def _believed(self, body: Body) -> Body:
-        """The trial believed best of the present target; not part of the status, since it costs a fit."""
+        """The trial believed best of the present target, and slices through it.
+
+        Not part of the status, since they cost fits.
+        """
         with self._working:
             session = self._worker
             session.refresh()
             target = session.state.target
             best = believed_best(session, [target]).get(target)
             if best is None:
-                return {"best": None}
+                return {"best": None, "slices": []}
             text = session.space.describe(best.trial.point)
             shown = {"number": best.trial.number, "text": text, "mean": best.mean}
-            return {"best": shown | {"deviation": best.deviation}}
+            figures = [{"name": s.name, "svg": slice_svg(s)} for s in slices(session, best.trial)]
+            return {"best": shown | {"deviation": best.deviation}, "slices": figures}
 
     def _read(self, answer: Callable[[Request], Response]) -> Any:
         def run(request: Request) -> Response:

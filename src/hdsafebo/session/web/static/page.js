@@ -364,8 +364,9 @@ async function showBelieved() {
   believedOf = wanted;
   byId("believed").textContent = "";
   try {
-    const { best, error } = await call("believed", {});
+    const { best, slices, error } = await call("believed", {});
     if (wanted !== believedOf) return;
+    showSlices(slices || []);
     if (best) {
       const value = `${best.mean.toFixed(3)} ± ${(2 * best.deviation).toFixed(3)}`;
       showTrial("believed", "believed best", value, ` (two standard deviations): ${best.text}, trial ${best.number}`);
@@ -373,6 +374,16 @@ async function showBelieved() {
   } catch (error) {
     believedOf = "";
   }
+}
+
+function showSlices(slices) {
+  byId("slices").hidden = slices.length === 0;
+  fill(document.querySelector("#slices div"), slices.map(({ name, svg }) => {
+    const image = element("img");
+    image.alt = `what is believed along ${name}`;
+    image.src = `data:image/svg+xml,${encodeURIComponent(svg)}`;
+    return image;
+  }));
 }
 
 function showHistory() {

@@ -1,0 +1,153 @@
+"""Between the tables of a study's user and the box [0, 1]^D that the optimiser sees.
+
+What the user passes is checked here by name; the step itself (who may take it, and when it is on the disk) is
+`study.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hdsafebo.system import beliefs
+from hdsafebo.system.beliefs import SAFE_PROBABILITY
+from hdsafebo.system.codec import Codec
+from hdsafebo.system.description import System
+from hdsafebo.system.errors import TableError
+from hdsafebo.system.problem import SystemProblem
+from hdsafebo.system.tables import NOISE, STATUS, TRIAL, columns_of, require, result_names
+from hdsafebo.trials import Status, Trials
+from hdsafebo.typing import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from hdsafebo.system.tables import Table
+
+_STATES = {Status.PENDING: "pending", Status.COMPLETED: "completed", Status.FAILED: "failed"}
+MARKED = "marked_unsafe"
+_SAME = 1e-9
+"""Largest difference, in the box, between an input that was asked and the same input read from a table."""
+
+
+def context_columns(codec: Codec, context: Mapping[str, Any] | None) -> FloatArray:
+    """(c,) columns of the box that hold the contexts.
+
+    Raises:
+        TableError: a context is missing, unknown or out of range.
+    """
+    columns = columns_of(dict(context or {}), "the context")
+    contexts = codec.system.contexts
+    require(columns, [c.name for c in contexts], [], "the context")
+    if not contexts:
+        return np.empty(0)
+    return codec.encode(codec.check(columns, contexts), contexts)[0]
+
+
+def encoded(codec: Codec, columns: Mapping[str, Sequence[Any]], n: int) -> FloatArray:
+    """(n, D) points of the box; parameters of one value may be left out.
+
+    Raises:
+        TableError: a value is out of range.
+    """
+    fixed = {p.name: [p.python(0)] * n for p in codec.system.parameters if p.width == 0}
+    return codec.encode(codec.check(fixed | dict(columns), codec.parts))
+
+
+def inputs_run(
+    codec: Codec, x: FloatArray, ids: Sequence[int], instead: Mapping[str, Any]
+) -> FloatArray | None:
+    """(n, D) inputs that were really run; None when they are those that were asked.
+
+    Args:
+        codec: between the user's values and the box.
+        x: (N, D) inputs of all trials so far, by id.
+        ids: of the n trials that are told.
+        instead: values, or columns of values, of the inputs that the user gives.
+    """
+    if not instead or any(not 0 <= i < len(x) for i in ids):  # tell refuses unknown trials
+        return None
+    asked = x[list(ids)]
+    given = {name: v if isinstance(v, list) else [v] for name, v in instead.items()}
+    run = encoded(codec, codec.table(asked) | given, len(ids))
+    # A table that gives back what was asked must not move the input by a rounding error.
+    return np.where(np.abs(run - asked) <= _SAME, asked, run)
+
+
+def results_of_one(
+    system: System, results: Table | None, failed: bool, noise: Mapping[str, float] | None
+) -> dict[str, list[Any]]:
+    """Columns of results of a single trial, with its noise and status.
+
+    Raises:
+        TableError: a result is missing or unknown, or the results are of several trials.
+    """
+    if failed:
+        if results:
+            raise TableError("a failed trial has no results; leave them out, or tell it as completed")
+        return {STATUS: ["failed"]}
+    if results is None:
+        raise TableError(f"results are missing; expected {', '.join(system.outcomes)}, or failed=True")
+    columns = columns_of(results, "results")
+    for name, value in (noise or {}).items():
+        columns[name + NOISE] = [value]
+    require(columns, system.outcomes, result_names(system), "results")
+    if len(columns[system.outcomes[0]]) != 1:
+        raise TableError("results have several rows for one trial; tell a table with the column 'trial'")
+    return columns
+
+
+def results_of_many(system: System, table: Table) -> tuple[list[int], dict[str, list[Any]]]:
+    """Ids of trials, and the columns of results and inputs that a table has for them.
+
+    Raises:
+        TableError: a column is missing or unknown, or an id is no whole number.
+    """
+    columns = columns_of(table, "the table")
+    index: Any = getattr(table, "index", None)
+    if TRIAL not in columns and getattr(index, "name", None) == TRIAL:
+        columns[TRIAL] = list(index)
+    outcomes = [] if STATUS in columns else list(system.outcomes)
+    shown = [*system.inputs, SAFE_PROBABILITY, MARKED]
+    require(columns, [TRIAL, *outcomes], [*result_names(system), *shown], "the table")
+    ids = []
+    for i, value in enumerate(columns.pop(TRIAL)):
+        if isinstance(value, bool) or int(value) != value:
+            raise TableError(f"row {i}: trial is {value!r}; expected the number of a trial")
+        ids.append(int(value))
+    return ids, {n: v for n, v in columns.items() if n not in (SAFE_PROBABILITY, MARKED)}
+
+
+def suggested(codec: Codec, trials: Trials) -> pd.DataFrame:
+    """Trials to run as a table indexed by trial: inputs, `safe_probability` and `marked_unsafe`."""
+    import pandas as pd
+
+    table = pd.DataFrame(codec.table(trials.x), index=pd.Index(trials.id, name=TRIAL))
+    table[SAFE_PROBABILITY] = trials.predicted_safe_probability
+    table[MARKED] = trials.marked_unsafe
+    return table
+
+
+def history(problem: SystemProblem, trials: Trials, safe: BoolArray) -> pd.DataFrame:
+    """All trials as a table indexed by trial; `Study.to_dataframe` names the columns.
+
+    Args:
+        problem: how the optimiser sees the system.
+        trials: n of them.
+        safe: (n,) every limit was kept.
+    """
+    import pandas as pd
+
+    rows = beliefs.outcomes(problem, trials)
+    table = pd.DataFrame(problem.codec.table(trials.x), index=pd.Index(trials.id, name=TRIAL))
+    for name in problem.codec.system.outcomes:
+        table[name] = [row[name] for row in rows]
+    table[STATUS] = [_STATES[Status(s)] for s in trials.status]
+    table["safe"] = safe
+    table["initial"] = trials.initial
+    table["round"] = trials.round
+    table[SAFE_PROBABILITY] = trials.predicted_safe_probability
+    table[MARKED] = trials.marked_unsafe
+    return table
