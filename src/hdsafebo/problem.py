@@ -165,6 +165,9 @@ class Problem(ABC):
         noise: (1 + m,) known standard deviations of one measurement of the objective and of each safety
             function, NaN where unknown; None where all are. Where it is known, a safe probability is that of
             the next measurement, otherwise that of the function.
+        resolution: (D,) powers of two; what is proposed in the inputs themselves is rounded to their whole
+            multiples, as are the bounds. In tens of thousands of dimensions saved states are then small. None
+            leaves every number as it is.
         failures_teach: a trial that failed is evidence that trials near it fail, and nothing that may fail is
             believed safe.
     """
@@ -179,6 +182,7 @@ class Problem(ABC):
     contexts: tuple[int, ...] = ()
     lands: bool = False
     noise: FloatArray | None = None
+    resolution: FloatArray | None = None
     failures_teach: bool = False
 
     @abstractmethod
@@ -256,6 +260,20 @@ def check_problem(problem: Problem) -> None:
     if len(set(names)) != len(names):
         raise ProblemError(f"safety functions of {problem.name!r} have repeated names {names}")
     _check_noise(problem)
+    _check_resolution(problem, bounds)
+
+
+def _check_resolution(problem: Problem, bounds: FloatArray) -> None:
+    if problem.resolution is None:
+        return
+    resolution = np.asarray(problem.resolution, float)
+    if resolution.shape != bounds.shape[1:] or not (np.frexp(resolution)[0] == 0.5).all():
+        raise ProblemError(
+            f"resolution of {problem.name!r} has shape {resolution.shape}; expected ({bounds.shape[1]},) "
+            "powers of two"
+        )
+    if not np.array_equal(bounds / resolution, np.rint(bounds / resolution)):
+        raise ProblemError(f"bounds of {problem.name!r} are no whole multiples of its resolution")
 
 
 def _check_noise(problem: Problem) -> None:

@@ -12,6 +12,7 @@ import pytest
 from hdsafebo import GymnasiumPolicies, HdSafeBOLocal, budget, gaussian_design, lasts, survives
 from hdsafebo.errors import PolicyFileError, ProblemError, RenderingUnavailableError
 from hdsafebo.files.atomic import WriteError
+from hdsafebo.policies.making import on_a_grid
 from hdsafebo.policies.policy_file import load_policy
 from hdsafebo.problem import LinearFeatures
 from hdsafebo.trials import Status, Trials
@@ -369,3 +370,23 @@ def test_the_search_improves_safely() -> None:
     assert after is not None
     assert after.objective > before.objective
     assert optimizer.feasible[~optimizer.trials.initial].mean() >= 0.9
+
+
+def test_limits_on_a_grid_are_hardly_wider() -> None:
+    limit = np.array([0.03, 0.5, 1.0, 0.7013])
+    bounds, resolution = on_a_grid(np.stack([-limit, limit]))
+    np.testing.assert_array_equal(np.frexp(resolution)[0], 0.5)
+    steps = bounds[1] / resolution
+    np.testing.assert_array_equal(steps, np.rint(steps))
+    assert ((steps > 256) & (steps <= 512)).all()
+    assert ((bounds[1] >= limit) & (bounds[1] <= 1.004 * limit)).all()
+    np.testing.assert_array_equal(bounds[0], -bounds[1])
+
+
+def test_many_weights_have_a_resolution(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert problem().resolution is None
+    monkeypatch.setattr("hdsafebo.policies.problem._MANY_WEIGHTS", 5)
+    p = problem()
+    assert p.resolution is not None
+    x, _ = p.initial(4, np.random.default_rng(0))
+    np.testing.assert_array_equal(x / p.resolution, np.rint(x / p.resolution))

@@ -16,6 +16,7 @@ from hdsafebo.typing import FloatArray
 
 _BOX_FACTOR = 1.5
 _BOX_LEAST = 0.03
+_GRID_STEPS = 512
 _SHARE = 0.95
 _MOST_DIRECTIONS = 12
 _POLICIES = 40
@@ -101,6 +102,13 @@ def weight_limits(box: ArrayLike | str, drawn: FloatArray) -> FloatArray:
     if not (np.isfinite(limit).all() and (limit > 0).all()):
         raise ProblemError("box has limits that are not finite and above 0")
     return np.stack([-limit, limit])
+
+
+def on_a_grid(limits: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(2, D) symmetric limits, hardly wider, and the (D,) powers of two of which they are whole multiples."""
+    resolution = np.exp2(np.ceil(np.log2(limits[1] / _GRID_STEPS)))
+    upper = np.ceil(limits[1] / resolution) * resolution
+    return np.stack([-upper, upper]), resolution
 
 
 def main_directions(seen: FloatArray) -> int:

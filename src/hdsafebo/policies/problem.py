@@ -40,6 +40,7 @@ from hdsafebo.policies.making import (
     action_axes,
     checked_seeds,
     main_directions,
+    on_a_grid,
     raw_space,
     weight_limits,
 )
@@ -55,6 +56,8 @@ if TYPE_CHECKING:
     from hdsafebo.policies.video import Film
 
 _LEAST_SCALE = 0.05
+_MANY_WEIGHTS = 10_000
+"""Beyond, weights have a resolution of about a thousandth of their range: no single one matters more."""
 _DRAWS = 100
 """Initial policies that limits of weights and main directions of actions are taken from."""
 
@@ -145,6 +148,8 @@ class GymnasiumPolicies(Problem):
         self.recorded = normalisation(self.observations)
         drawn = self._drawn(_DRAWS, np.random.default_rng([recording_seed, 1]))
         self.bounds = in_single_precision(weight_limits(box, drawn))
+        if self.policies.dimension > _MANY_WEIGHTS:
+            self.bounds, self.resolution = on_a_grid(self.bounds)
         axes = action_axes(action_directions, drawn, self.recorded, self.policies.actions)
         kept = main_directions(self.recorded) if directions is None else directions
         self.features = behaviour_features(self.recorded, kept, axes, self.policies.actions)
@@ -161,6 +166,8 @@ class GymnasiumPolicies(Problem):
     def initial(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
         """n policies of the design, cut to the box."""
         x = in_single_precision(np.clip(self._drawn(n, rng), *self.bounds))
+        if self.resolution is not None:
+            x = np.rint(x / self.resolution) * self.resolution
         return x, np.full(n, -1)
 
     # --- policies

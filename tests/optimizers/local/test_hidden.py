@@ -179,3 +179,28 @@ def test_a_round_in_many_dimensions_makes_few_points_whole() -> None:
     tracemalloc.stop()
     assert len(trials) == 5
     assert peak < 100 * d * 8
+
+
+def test_in_many_dimensions_hyper_parameters_are_searched_where_trials_have_grown() -> None:
+    """Rounds of ten: every one up to 330 trials, then as often as trials grow by 3 %."""
+    optimizer = hiding(threshold=-1e9, dimension=1000)
+    x = np.random.default_rng(0).random((1000, 1000))
+
+    def refined_with(known: int) -> bool:
+        optimizer = hiding(threshold=-1e9, dimension=1000)
+        results = optimizer.problem.function(x[:known])
+        optimizer.observe(x[:known], *results, initial=True)
+        trials = optimizer.trials
+        object.__setattr__(trials, "round", np.repeat([0, 1], [known - 10, 10]))
+        return optimizer.search.refines()
+
+    assert optimizer.search.refines() is False, "nothing is known yet"
+    assert all(refined_with(known) for known in (20, 50, 100, 320))
+    searched = sum(refined_with(known) for known in range(910, 1010, 10))
+    assert 3 <= searched <= 4, "log(1000 / 900) / log(1.03) is 3.6"
+
+
+def test_in_few_dimensions_hyper_parameters_are_always_searched() -> None:
+    optimizer = hiding()
+    observe_initial(optimizer, 15)
+    assert optimizer.search.refines()

@@ -20,6 +20,7 @@ from hdsafebo.optimizers.core.identity import (
     identity_of,
 )
 from hdsafebo.optimizers.core.ledger import Ledger
+from hdsafebo.optimizers.core.packing import Packed, pack, steps_of, unpack
 from hdsafebo.optimizers.core.state_file import read_state, write_state
 from hdsafebo.optimizers.settings import OptimizerSettings
 from hdsafebo.problem import Codec, Problem
@@ -57,6 +58,7 @@ class Persistent(Protocol):
 
 T = TypeVar("T", bound=Persistent)
 _TRIALS = "trials."
+_PACKED = "packed."
 _METHOD = "method."
 _PROBLEM = "problem."
 
@@ -76,8 +78,11 @@ def save_optimizer(optimizer: Persistent, path: Path) -> None:
         "method_state": method_state,
     }
     trials = optimizer.trials
-    names = [f.name for f in fields(Trials) if not (f.name == "z" and trials.z is trials.x)]
-    arrays = {_TRIALS + name: getattr(trials, name) for name in names}
+    packed = _packed_inputs(optimizer.problem, trials)
+    left_out = {"z"} if trials.z is trials.x else set()
+    left_out |= {"x"} if packed else set()
+    arrays = {_TRIALS + f.name: getattr(trials, f.name) for f in fields(Trials) if f.name not in left_out}
+    arrays |= {_PACKED + name: value for name, value in packed.items()}
     arrays |= {_METHOD + name: value for name, value in method_arrays.items()}
     evidence = evidence_of(optimizer.problem, optimizer.trials)
     arrays |= {_PROBLEM + name: value for name, value in evidence.items()}
@@ -98,6 +103,8 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
                 f"{path}: saved {'with' if state['embedded'] else 'without'} an embedding, expected the same"
             )
         optimizer = kind(problem, embedding=embedding, bounds=arrays.get("bounds"), **state["settings"])
+        if _TRIALS + "x" not in arrays:
+            arrays[_TRIALS + "x"] = _unpacked_inputs(problem, _part(arrays, _PACKED))
         arrays.setdefault(_TRIALS + "z", arrays[_TRIALS + "x"])  # without an embedding, codes are inputs
         trials = Trials(**{f.name: arrays[_TRIALS + f.name] for f in fields(Trials)})
         check_bounds(path, _part(arrays, _PROBLEM), problem)
@@ -114,6 +121,20 @@ def load_optimizer(kind: type[T], path: Path, problem: Problem, embedding: Codec
     except (HdSafeBOError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise StateFileError(f"{path}: damaged state: {type(error).__name__}: {error}") from error
     return optimizer
+
+
+def _packed_inputs(problem: Problem, trials: Trials) -> Packed:
+    """The inputs in few bytes, where all are multiples of the problem's resolution; else nothing."""
+    steps = None if problem.resolution is None else steps_of(trials.x, problem.resolution)
+    return {} if steps is None or len(steps) == 0 else pack(steps)
+
+
+def _unpacked_inputs(problem: Problem, packed: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
+    """(n, D) what `_packed_inputs` packed."""
+    if problem.resolution is None:
+        raise ValueError("inputs were saved as multiples of a resolution, and the problem has none")
+    d = problem.bounds.shape[1]
+    return np.multiply(unpack(packed, d), problem.resolution, dtype=float)
 
 
 def _part(arrays: dict[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:

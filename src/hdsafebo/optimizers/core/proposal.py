@@ -93,6 +93,8 @@ def _located(
         return x, encode(embedding, x), rows
     x, rows = np.clip(x, problem.bounds[0], problem.bounds[1]), np.full(len(x), -1)
     x = problem.land(x) if problem.lands else x
+    if problem.resolution is not None and embedding is None:
+        x = np.rint(x / problem.resolution) * problem.resolution
     codes = encode(embedding, x)
     if embedding is not None:
         # An autoencoder's encoder does not undo its decoder, and the outcome is a function of the code that

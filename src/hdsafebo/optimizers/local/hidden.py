@@ -15,6 +15,7 @@ less. Steps and ascents are computed in what kernel inputs see of them (see `row
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,9 @@ _LEAST_STEP = 0.3
 least: the parents become copies of each other."""
 _RATE = 0.5
 """Of caution then."""
+_GROWTH = 0.03
+"""Share by which the trials grow between two searches for hyper-parameters then: a fit to a thousand trials
+takes most of a round, and ten more tell it nothing new."""
 
 
 class HiddenSearch(AscentSearch):
@@ -78,6 +82,14 @@ class HiddenSearch(AscentSearch):
         super().finish_round(trials)
         feasible = self.optimizer.feasible[trials.id]
         self.lost = bool(trials.marked_unsafe.all() and not feasible.any())
+
+    def refines(self) -> bool:
+        """In many dimensions, only where the trials have grown; which is known from the trials alone."""
+        if not self._many:
+            return True
+        trials = self.trials
+        before = int((trials.completed & (trials.round < trials.round.max(initial=0))).sum())
+        return _stage_of(before) < _stage_of(int(trials.completed.sum()))
 
     def targets(self, rows: IntArray) -> FloatArray:
         """Normal scores of the objective values."""
@@ -167,3 +179,9 @@ class HiddenSearch(AscentSearch):
                 "was unsafe altogether; report more trials near a safe one, or choose a larger beta"
             )
         return self._believed(np.empty((0, len(centre))), centre, n)
+
+
+def _stage_of(trials: int) -> int:
+    """Number of times that so many trials have grown by 3 %; below 34, every trial counts."""
+    first = ceil(1 / _GROWTH)
+    return trials if trials < first else first + int(np.log(trials / first) / np.log1p(_GROWTH))
