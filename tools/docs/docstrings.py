@@ -37,9 +37,11 @@ def fence_blocks(source: str) -> str:
 
 
 def plain(source: str) -> str:
-    """Words as they stand: a star is a star, outside of code."""
+    """Words as they stand: a star is a star, outside of code, unless it begins an item."""
     parts = re.split(r"(`[^`]*`)", source)
-    return "".join(part if part.startswith("`") else part.replace("*", "\\*") for part in parts)
+    return "".join(
+        part if part.startswith("`") else re.sub(r"(?m)(?<!^)\*|^\*(?! )", r"\\*", part) for part in parts
+    )
 
 
 def _paragraph(source: str) -> str:

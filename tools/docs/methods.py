@@ -44,6 +44,9 @@ LOOKS = {
 """Source of each method, and where it looks, for the table."""
 
 
+_OF_ONE_METHOD = {"hdsafebo.optimizers.local"}
+
+
 @dataclass(frozen=True)
 class Page:
     """A class of methods.
@@ -102,7 +105,7 @@ def _page(page: Page, root: Path) -> str:
     parts = [
         f"# {style(page.name).label}",
         f"`{page.name}`, from: {source}. Where it looks: {looks}.",
-        text(module.__doc__),
+        text(_about(page.kind)),
         text(page.kind.__doc__),
     ]
     parts += [_curve(page, root), *_names(page), *_departures(page)]
@@ -110,6 +113,12 @@ def _page(page: Page, root: Path) -> str:
     parts += ["## Settings", table(settings) if settings else "None."]
     parts += ["## Code", f"`{path}`, class `{page.kind.__name__}`"]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _about(kind: type[Optimizer]) -> str:
+    """Docstring of the method's module, or of its package where it has one to itself."""
+    package = kind.__module__.rpartition(".")[0]
+    return str(sys.modules[package if package in _OF_ONE_METHOD else kind.__module__].__doc__)
 
 
 def _curve(page: Page, root: Path) -> str:
