@@ -13,7 +13,7 @@ from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS, read_provenance
 from hdsafebo.report.data.inputs import Inputs, read_inputs
 from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.data.planned import planned_runs, read_planned
-from hdsafebo.report.data.results import Results, Settings
+from hdsafebo.report.data.results import Results, Uncertainty
 from hdsafebo.report.formatting import number, with_error
 
 BEGIN = "<!-- results: written by `hdsafebo keep-reference` from reports/reference -->"
@@ -31,7 +31,7 @@ def results_markdown(evidence: Path) -> str:
     """
     params = load_params(evidence / PARAMS)
     runs, _ = read_planned(evidence / RUNS, planned_runs(params))
-    results = Results(runs, Settings(**params.report.model_dump()))
+    results = Results(runs, Uncertainty(**params.report.model_dump()))
     inputs = read_inputs(evidence / INPUTS, evidence / RUNS)
     revision = read_provenance(evidence).get("revision") or "an unknown revision"
     lines = [

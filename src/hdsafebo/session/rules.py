@@ -11,7 +11,7 @@ from typing import Any
 from hdsafebo.session.definition import parse_definition
 from hdsafebo.session.errors import AuditError, ExpiredError, ProtocolError, RecordingError, SessionError
 from hdsafebo.session.log.chain import Entry
-from hdsafebo.session.log.state import Point, State, Suggestion, Trial
+from hdsafebo.session.log.state import LoggedSuggestion, LoggedTrial, Point, State
 from hdsafebo.session.spaces.space import Space
 from hdsafebo.session.tightening import require_tighter
 
@@ -193,7 +193,7 @@ def same_recording(one: Payload | None, other: Payload | None) -> bool:
     )
 
 
-def open_suggestion(state: State, number: int) -> Suggestion:
+def open_suggestion(state: State, number: int) -> LoggedSuggestion:
     """The suggestion of a number, if it waits for its decision.
 
     Raises:
@@ -215,7 +215,7 @@ def open_suggestion(state: State, number: int) -> Suggestion:
     return suggestion
 
 
-def recordable(state: State, number: int | None) -> Trial:
+def recordable(state: State, number: int | None) -> LoggedTrial:
     """The trial of a number, or the running one; ProtocolError when there is none of this session."""
     if number is None:
         if state.running is None:

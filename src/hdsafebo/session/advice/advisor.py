@@ -33,7 +33,7 @@ from hdsafebo.session.advice.methods import load_method
 from hdsafebo.session.advice.search import Search
 from hdsafebo.session.definition import Definition, parse_definition
 from hdsafebo.session.log.chain import Entry
-from hdsafebo.session.log.state import Point, State, Trial
+from hdsafebo.session.log.state import LoggedTrial, Point, State
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import IntArray
 
@@ -212,7 +212,7 @@ class Advisor:
         if self._optimizer is not None:
             self._optimizer.begin_day(self.state.pauses)
 
-    def _learn(self, trial: Trial) -> None:
+    def _learn(self, trial: LoggedTrial) -> None:
         optimizer = self._require()
         if not trial.delivered:
             if trial.origin == "suggested" and trial.suggestion not in self._foreign:
