@@ -35,12 +35,8 @@ from hdsafebo.files.atomic import replacing  # noqa: E402
 from hdsafebo.optimizers.registry import load_optimizer, make_optimizer  # noqa: E402
 from hdsafebo.policies.synergies import ActionSynergies  # noqa: E402
 from hdsafebo.problem import Problem  # noqa: E402
-from hdsafebo.problems.body import (  # noqa: E402
-    UNSEEN_PUSHES,
-    ReflexGainsProblem,
-    body_policies,
-    torque_synergies,
-)
+from hdsafebo.problems.body import UNSEEN_PUSHES, body_policies, torque_synergies  # noqa: E402
+from hdsafebo.problems.reflexes import ReflexGainsProblem  # noqa: E402
 from hdsafebo.trials import Trials  # noqa: E402
 
 ROOT = Path(__file__).parents[1]

@@ -13,9 +13,12 @@ dimensions). A trial is safe when its true slacks are at least 0. What is record
     predicted    mean safe probability that was predicted; it should equal `safe`
     cpu          seconds of CPU per 10 trials: ask and tell, without the evaluations
 
+The local method's constants were chosen on seeds 0 to 2 and 10 to 14. Seeds 3 to 7 were run with a version
+before the deviations of `gp.warped_process` were computed by the inverse factor; seeds 20 to 26 report.
+
 A run that is in the results is not run again; each is kept as soon as it is over.
 
-    python benchmarks/outside.py run --methods hdsafebo_local scbo --seeds 3 4 5
+    python benchmarks/outside.py run --methods hdsafebo_local scbo --seeds 20 21 22
     python benchmarks/outside.py table
 """
 
@@ -42,8 +45,7 @@ from hdsafebo.typing import FloatArray
 
 OUT = Path(__file__).parents[1] / "reports" / "reference" / "benchmarks" / "outside"
 METHODS = ("hdsafebo_local", "hdsafebo", "linebo", "config", "scbo", "cei_prob", "cmaes", "qlognei")
-SEEDS = tuple(range(10))
-REPORTED = tuple(range(3, 10))
+REPORTED = tuple(range(20, 27))
 BATCH = 5
 CLOSE = 1e-3
 REACHED = 1e-3
@@ -181,7 +183,7 @@ def main() -> None:
     parser.add_argument("action", choices=("run", "table"))
     parser.add_argument("--problems", nargs="+", choices=NAMES, default=list(NAMES), metavar="NAME")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS), metavar="METHOD")
-    parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS), help="default: 0 to 9")
+    parser.add_argument("--seeds", nargs="+", type=int, default=list(REPORTED), help="default: 20 to 26")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of the results")
     arguments = parser.parse_args()
     if arguments.action == "run":

@@ -39,7 +39,7 @@ def test_a_class_shows_its_settings() -> None:
     assert list(shown)[:4] == ["problem", "embedding", "seed", "bounds"]
     assert shown["beta"].default == -2.0
     assert shown["alpha"].default is None
-    assert "length_initial" in inspect.signature(HdSafeBO).parameters
+    assert "batch_success" in inspect.signature(HdSafeBO).parameters
     assert not any(p.kind == p.VAR_KEYWORD for p in shown.values())
 
 

@@ -141,6 +141,7 @@ def toy_params(
             "synthetic": {"problem": {"length_scale": seconds}, "budget": budget, "methods": ["toy"]},
             "hand": nothing,
             "scs": nothing | {"tasks": []},
+            "body": nothing,
             "digits": nothing | {"tasks": []},
         },
         "methods": {

@@ -33,6 +33,7 @@ def spec_of(root: Path, method: str) -> RunSpec:
             "synthetic": nothing | {"problem": problem},
             "hand": nothing,
             "scs": nothing | {"tasks": []},
+            "body": nothing,
             "digits": nothing | {"tasks": []},
         },
         "methods": {method: {}},

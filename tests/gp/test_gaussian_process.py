@@ -6,8 +6,9 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from hdsafebo.errors import SurrogateError
+from hdsafebo.gp import fit
 from hdsafebo.gp import fit as gp_fit
-from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior, fit_gaussian_process
+from hdsafebo.gp.fit import NoisePrior, fit_gaussian_process
 from hdsafebo.gp.gaussian_process import GaussianProcess
 from hdsafebo.gp.kernel import exact_distances, matern52
 
@@ -94,13 +95,13 @@ def log_posterior(theta: np.ndarray, gp: GaussianProcess) -> float:
     return density - 0.5 * ((log_noise - np.log(1e-4)) / 2.0) ** 2
 
 
-def test_fit_is_the_maximum_of_the_full_posterior_density() -> None:
+def test_fit_is_the_maximum_of_the_full_posterior_density(monkeypatch: pytest.MonkeyPatch) -> None:
     """Profiling mean and variance out of the search finds what a search over all four parameters finds."""
     x, y = smooth_data(40)
-    wide = LengthScaleLimits(0.01, 30.0)
-    gp = fitted(x, y, limits=wide)
+    monkeypatch.setattr(fit, "_LENGTH_LIMITS", (0.01, 30.0))
+    gp = fitted(x, y)
     for _ in range(15):
-        gp = fitted(x, y, start=gp.hyper, limits=wide)
+        gp = fitted(x, y, start=gp.hyper)
     ours = np.array([np.log(gp.length_scale), np.log(gp.hyper.noise_ratio), gp.mean, np.log(gp.variance)])
     best = minimize(
         lambda t: -log_posterior(t, gp), ours + 0.1, method="Nelder-Mead", options={"maxiter": 4000}
@@ -185,10 +186,10 @@ def test_thirty_equal_points_and_one_point() -> None:
         assert deviation[0] < deviation[1]
 
 
-def test_limits_hold() -> None:
+def test_limits_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     x, y = smooth_data()
-    limits = LengthScaleLimits(0.1, 0.2)
-    gp = fitted(x, y, limits=limits)
+    monkeypatch.setattr(fit, "_LENGTH_LIMITS", (0.1, 0.2))
+    gp = fitted(x, y)
     assert 0.1 - 1e-9 <= gp.length_scale / gp.hyper.reference <= 0.2 + 1e-9
 
 

@@ -127,8 +127,7 @@ def test_batch_sizes(n) -> None:
         ({"alpha": 1.0}, "setting 'alpha'"),
         ({"alpha": 0.9, "beta": 2.0}, "alpha .* and beta .* set the same thing"),
         ({"empty_safe_set": "ignore"}, "setting 'empty_safe_set'.*'mark' or 'abstain'"),
-        ({"length_initial": 0.0}, "setting 'length_initial'"),
-        ({"shortest_length_scale": 5.0}, "exceeds longest_length_scale"),
+        ({"candidates": 0}, "setting 'candidates'"),
     ],
 )
 def test_settings(settings: dict, message: str) -> None:

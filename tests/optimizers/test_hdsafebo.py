@@ -36,7 +36,8 @@ def drawn(optimizer: HdSafeBO, monkeypatch: pytest.MonkeyPatch) -> list[tuple[np
 def test_line_6_box_around_the_best_safe_point(
     monkeypatch: pytest.MonkeyPatch, box: str, half: float
 ) -> None:
-    optimizer = made_with(length_initial=0.2, box=box, unit="box")
+    optimizer = made_with(box=box, unit="box")
+    optimizer.region = TrustRegion(0.2)
     centre = optimizer.best().x
     (lower, upper), *_ = drawn(optimizer, monkeypatch)
     np.testing.assert_allclose(lower, np.clip(centre - half, 0, 1))
@@ -44,7 +45,8 @@ def test_line_6_box_around_the_best_safe_point(
 
 
 def test_line_6_in_length_scales(monkeypatch: pytest.MonkeyPatch) -> None:
-    optimizer = made_with(length_initial=0.2, unit="length_scale")
+    optimizer = made_with(unit="length_scale")
+    optimizer.region = TrustRegion(0.2)
     (lower, upper), *_ = drawn(optimizer, monkeypatch)
     inside = (lower > 0) & (upper < 1)
     assert inside.any()
@@ -118,7 +120,7 @@ def test_first_safe_point_is_an_improvement() -> None:
 
 
 def test_round_ends_with_its_last_result_and_only_then() -> None:
-    optimizer = made_with(length_min=0.01)
+    optimizer = made_with()
     first, second = optimizer.ask(2), optimizer.ask(2)
     optimizer.tell(second[[0]], [9.0], [1.0])
     optimizer.tell(first, [9.5, 9.5], [1.0, 1.0])

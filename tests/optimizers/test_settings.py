@@ -40,5 +40,5 @@ def test_one_constructor_for_all_methods(name: str) -> None:
     shown = set(signature(kind).parameters)
     assert {"problem", "embedding", "seed", "bounds", "settings"} | set(kind.Settings.model_fields) == shown
     assert "__init__" not in vars(kind)
-    problem = rows_problem() if name == "random_lowest" else bowl_problem()
+    problem = rows_problem() if "candidate_rows" in kind.uses else bowl_problem()
     assert kind(problem, settings=kind.Settings(beta=-1.0) if kind.consults_model else None).name == kind.name

@@ -52,6 +52,14 @@ def set_key(data: dict, key: str, value: object) -> dict:
         ("tasks.synthetic.problem.effective_dimension", 60, "effective_dimension <= latent_dimension"),
         ("tasks.synthetic.problem.colour", 1, "unknown key"),
         ("tasks.synthetic.methods", ["no_such_method"], "has no block under methods"),
+        ("tasks.body.problem.least_time", 9.0, "least_time (9 s) must not exceed the horizon (3 s)"),
+        ("tasks.body.problem.unseen_pushes", [1, 2], "pushes [1] are among pushes and unseen_pushes"),
+        ("tasks.body.problem.pushes", [], "at least 1 item"),
+        (
+            "tasks.synthetic.methods",
+            ["scbo_torques"],
+            "'scbo_torques' searches the space 'torques'; expected one of latent, original",
+        ),
         ("tasks.scs.tasks", ["scs_biceps"], "^scs_(il|vlrf|ta|bfgm|st|ga)"),
         (
             "methods.no_such_method",
@@ -59,7 +67,11 @@ def set_key(data: dict, key: str, value: object) -> dict:
             "methods.no_such_method: unknown method 'no_such_method'; valid names",
         ),
         ("methods.mine", {"algorithm": "scbo_original"}, "methods.mine: unknown method 'scbo_original'"),
-        ("methods.scbo.space", "inputs", "methods.scbo.space: Input should be 'latent' or 'original'"),
+        (
+            "methods.scbo.space",
+            "inputs",
+            "methods.scbo.space: Input should be 'latent', 'original', 'torques'",
+        ),
         ("compute.workers", 0, "greater than or equal to 1"),
         ("profile", None, "valid string"),
     ],

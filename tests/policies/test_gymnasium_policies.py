@@ -180,7 +180,7 @@ def test_a_safety_function_that_gives_no_number_is_named() -> None:
 
 def test_a_policy_comes_back_from_its_file(tmp_path: Any) -> None:
     p = problem()
-    x = np.random.default_rng(1).normal(size=10)
+    x = np.random.default_rng(1).normal(size=10).astype(np.float32).astype(float)
     p.save_policy(x, tmp_path / "policy.safetensors")
     np.testing.assert_array_equal(p.load_policy(tmp_path / "policy.safetensors"), x)
     loaded, observation = load_policy(tmp_path / "policy.safetensors"), np.arange(4.0)

@@ -5,20 +5,30 @@ The legs stand for the whole body; both come out of the same code.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from hdsafebo.bodies.posture import posture_of
 from hdsafebo.bodies.reflex import gain_ranges
-from hdsafebo.errors import ProblemError
+from hdsafebo.errors import ParamsError, ProblemError, UnknownNameError
+from hdsafebo.files.yaml import parse_mapping
+from hdsafebo.params import Params, parse_params
+from hdsafebo.pipeline.profiles import profile_text
 from hdsafebo.policies import GymnasiumPolicies
 from hdsafebo.policies.episode import Episode
 from hdsafebo.problems.body import (
-    ReflexGainsProblem,
+    RECORDED_FILE,
     body_policies,
+    load_observations,
+    make_task,
     safety_functions,
+    save_observations,
     torque_synergies,
 )
+from hdsafebo.problems.body_replay import beside, outcome_of, strip, weights_of
+from hdsafebo.problems.reflexes import ReflexGainsProblem
 from hdsafebo.trials import Trials
 
 LEGS = "myolegs"
@@ -87,3 +97,86 @@ def test_torque_synergies_span_what_reflexes_do(legs: GymnasiumPolicies) -> None
 def test_impossible_tasks_are_refused() -> None:
     with pytest.raises(ProblemError, match="steps is 170; expected at most the horizon, 100"):
         body_policies(LEGS, pushes=(1,), horizon=100)
+
+
+def test_recorded_observations_give_the_same_problem(legs: GymnasiumPolicies, tmp_path: Path) -> None:
+    path = tmp_path / "observations.npz"
+    save_observations(legs.observations, path)
+    again = body_policies(
+        LEGS, (1, 4), horizon=120, least_time=0.8, most_load=300.0, recorded=load_observations(path)
+    )
+    np.testing.assert_array_equal(again.features.matrix, legs.features.matrix)
+    np.testing.assert_array_equal(again.bounds, legs.bounds)
+    with pytest.raises(ProblemError, match=r"observations of shape \(4, 3\) for .*expected \(n, 38\)"):
+        body_policies(LEGS, (1,), horizon=120, least_time=0.8, recorded=np.zeros((4, 3)))
+    with pytest.raises(ProblemError, match="not finite"):
+        body_policies(LEGS, (1,), horizon=120, least_time=0.8, recorded=np.full((4, 38), np.nan))
+
+
+def test_missing_and_damaged_recordings_name_the_stage(tmp_path: Path) -> None:
+    path = tmp_path / "observations.npz"
+    with pytest.raises(ProblemError, match="run the stage record_body"):
+        load_observations(path)
+    path.write_bytes(b"no archive")
+    with pytest.raises(ProblemError, match="run the stage record_body"):
+        load_observations(path)
+
+
+@pytest.fixture(scope="module")
+def smoke(project_root: Path) -> Params:
+    return parse_params(parse_mapping(profile_text(project_root, "smoke"), "smoke", ParamsError))
+
+
+def test_the_task_has_three_spaces(smoke: Params, tmp_path: Path) -> None:
+    settings = smoke.tasks.body.problem
+    save_observations(np.random.default_rng(0).standard_normal((50, 38)), tmp_path / RECORDED_FILE)
+    task = make_task("body", smoke, seed=0, root=tmp_path)
+    assert task.embedding is None
+    assert task.problem.bounds.shape == (2, 80 * 39)
+    torques, gains = task.spaces["torques"], task.spaces["gains"]
+    assert torques.embedding is not None
+    joints = len(posture_of(LEGS).inertia)
+    x, _ = task.problem.initial(2, np.random.default_rng(0))
+    assert torques.embedding(x).encode(x).shape == (2, joints * 39)
+    assert gains.problem.bounds.shape == (2, 6)
+    drawn, _ = gains.problem.initial(5, np.random.default_rng(0))
+    assert ((drawn >= gains.problem.bounds[0]) & (drawn <= gains.problem.bounds[1])).all()
+    assert f"{joints * 39:,} weights" in task.knowledge.given()["latent_space"]
+    assert task.knowledge == torques.knowledge == gains.knowledge
+    assert [s.name for s in task.problem.safety] == [s.name for s in gains.problem.safety]
+    assert settings.least_time == 0.4
+    with pytest.raises(UnknownNameError, match="body_informed"):
+        make_task("body_informed", smoke, seed=0, root=tmp_path)
+
+
+def test_a_point_of_every_space_is_played_again_as_it_was(legs: GymnasiumPolicies, smoke: Params) -> None:
+    settings = smoke.tasks.body.problem
+    gains = gain_ranges(LEGS).mean(axis=0)
+    weights = weights_of(settings, legs, gains, "gains")
+    outcome = outcome_of(legs, weights, (1, 4))
+    result = ReflexGainsProblem(legs, LEGS).evaluate(Trials.pending(gains[None], gains[None], 2))
+    assert outcome.total == result.objective[0]
+    assert max(outcome.loads) > 80.0 or result.safety[0, 1] > 0
+    assert 300.0 - max(outcome.loads) == pytest.approx(result.safety[0, 1])
+    assert min(outcome.seconds) == pytest.approx(0.8 + 1.2 * result.safety[0, 0])
+    codes = torque_synergies(legs, LEGS).encode(weights[None])[0]
+    through = weights_of(settings, legs, codes, "torques")
+    np.testing.assert_allclose(legs.features(through[None]), legs.features(weights[None]), atol=0.5)
+    assert weights_of(settings, legs, weights, "original") is weights
+
+
+def test_single_precision_plays_the_same_episode(legs: GymnasiumPolicies) -> None:
+    kept, _ = legs.initial(1, np.random.default_rng(3))
+    np.testing.assert_array_equal(kept, kept.astype(np.float32))
+    x = kept * (1.0 + 1e-9)
+    np.testing.assert_array_equal(legs.play(x[0])[0].rewards, legs.play(kept[0])[0].rewards)
+
+
+def test_pictures_side_by_side() -> None:
+    frames = [np.full((8, 16, 3), k, np.uint8) for k in range(9)]
+    assert strip(frames).shape == (4, 5 * 4, 3)
+    assert strip(frames)[0, ::4, 0].tolist() == [0, 2, 4, 6, 8]
+    both = beside(frames, frames[:2])
+    assert len(both) == 9
+    assert both[-1].shape == (8, 16, 3)
+    assert both[-1][0, [0, -1], 0].tolist() == [8, 1]

@@ -47,6 +47,7 @@ def params() -> Params:
         "synthetic": {"budget": BUDGET, "methods": []},
         "hand": {"budget": BUDGET, "methods": []},
         "scs": {"budget": BUDGET, "methods": [], "tasks": []},
+        "body": {"budget": BUDGET, "methods": []},
         "digits": {"budget": BUDGET, "methods": [], "tasks": []},
     }
     scene = {"variant": "forearm", "horizon": 40}

@@ -10,7 +10,7 @@ import pytest
 from report.run_files import trial_table, write_run
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.runs.best_trial import best_trial
+from hdsafebo.runs.best_trial import best_trial, best_trials
 
 NAN = float("nan")
 
@@ -30,6 +30,14 @@ def test_best_of_the_safe_chosen_trials(tmp_path: Path) -> None:
     assert (found.objective, found.latent) == (7.0, True)
     np.testing.assert_array_equal(found.z, [5.0, -5.0])
     assert found.mean_best == pytest.approx((9 + 7) / 2), "initial trials count for the best of a run"
+
+
+def test_best_of_every_seed(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    assert [(one.seed, one.trial, one.objective) for one in best_trials(path)] == [(7, 2, 6.0), (8, 2, 7.0)]
+    initial = best_trials(path, initial=True)
+    assert [(one.seed, one.trial, one.objective) for one in initial] == [(7, 0, 9.0), (8, 0, 1.0)]
+    np.testing.assert_array_equal([one.z for one in initial], [[0.0, 0.0], [3.0, -3.0]])
 
 
 def test_none_when_no_chosen_trial_was_safe(tmp_path: Path) -> None:

@@ -22,7 +22,9 @@ from hdsafebo.pipeline.provenance import digest_file, digest_paths
 from hdsafebo.problems.registry import family_of, is_informed, task_module
 
 # Blocks of params.yaml that a family of tasks reads, beside its own block under `tasks`.
-_BLOCKS = {"synthetic": (), "hand": ("hand",), "scs": ("spinal", "embeddings"), "digits": ("digits",)}
+_BLOCKS = {
+    "synthetic": (), "hand": ("hand",), "body": (), "scs": ("spinal", "embeddings"), "digits": ("digits",),
+}  # fmt: skip
 # Modules that compute runs but no trial: a change of these leaves what was computed as it is.
 _INDIFFERENT_MODULES = {
     "progress.py", "errors.py",

@@ -81,15 +81,16 @@ class _Run:
     def __init__(self, spec: RunSpec, params: Params, task: Task, journal: RunJournal) -> None:
         method = params.methods[spec.method]
         settings = settings_of(params, spec.task, spec.method)
-        self.problem: Problem = task.problem
+        searched = task.spaces.get(method.space, task)
+        self.problem: Problem = searched.problem
         self.knowledge = task.knowledge
         self.budget = budget_of(params, spec.task)
         self.journal = journal
         self.beacon = Beacon(spec)
         self.initial, self.candidate = self.problem.initial(self.budget.initial, spec.initial_rng())
-        latent = method.space == "latent" and task.embedding is not None
-        embedding = task.embedding(self.initial) if latent and task.embedding is not None else None
-        self.space: Space = "latent" if latent else "original"
+        latent = method.space != "original" and searched.embedding is not None
+        embedding = searched.embedding(self.initial) if latent and searched.embedding is not None else None
+        self.space: Space = method.space if latent or searched is not task else "original"
         state = journal.state
         self.saved_rounds = 0 if state is None else state[0] + 1
         self.optimizer: Optimizer
@@ -99,7 +100,7 @@ class _Run:
                 self.problem,
                 embedding=embedding,
                 seed=spec.method_seed(),
-                bounds=task.latent_bounds if latent else None,
+                bounds=searched.latent_bounds if latent else None,
                 **(_fill_rounds(method.algorithm, settings) | settings),
             )
         else:

@@ -24,6 +24,8 @@ _FIRST_STEPS = (0.35, 1.0)
 """Of the first parabola in log length scale and log noise ratio: about half a step of the grid."""
 _STEPS = (0.05, 0.5)
 """Limits of later steps: small enough to settle, never so small that the parabola is rounding."""
+_LENGTH_LIMITS = (0.005, 3.0)
+"""Of the length scale, in median distances of the data: from too short for any data to nearly a constant."""
 _GRID = 15
 """Length scales of a scan: over limits of a factor of 600, neighbours differ by a factor of 1.6."""
 _THOROUGH_FITS = 3
@@ -35,14 +37,6 @@ _SIGNAL_VARIANCES = (1e-4, 1.0, 0.3, 0.03, 100.0)
 """Of standardised outcomes with known noise: the least, three to begin with, the largest."""
 _JITTERS = (0.0, 1e-8, 1e-6, 1e-4, 1e-2)
 """Tried in this order, so that the diagonal grows by no more than the factorisation needs."""
-
-
-@dataclass(frozen=True)
-class LengthScaleLimits:
-    """Limits of the fitted length scale in units of the data's median distance."""
-
-    least: float = 0.005
-    most: float = 3.0
 
 
 @dataclass(frozen=True)
@@ -95,7 +89,6 @@ def fit_gaussian_process(
     y: Shaped[FloatArray, " n"],
     *,
     start: Hyperparameters | None = None,
-    limits: LengthScaleLimits | None = None,
     noise: NoisePrior | None = None,
     known_noise: Shaped[FloatArray, " n"] | None = None,
     refine: bool = True,
@@ -110,7 +103,6 @@ def fit_gaussian_process(
         distances: (n, n) their distances, by `exact_distances`.
         y: (n,) finite outcomes.
         start: hyper-parameters of the last fit of the same function.
-        limits: of the length scale.
         noise: prior of the noise ratio.
         known_noise: (n,) standard deviations of the outcomes, where they are known; in place of a noise
             ratio the signal variance is then searched.
@@ -128,7 +120,6 @@ def fit_gaussian_process(
         distances,
         outcomes.standardise(y),
         start or _first_guess(distances, inputs.shape[1], noise),
-        limits or LengthScaleLimits(),
         noise,
         known,
     )
@@ -201,7 +192,6 @@ class _Search:
         distances: Shaped[FloatArray, "n n"],
         values: Shaped[FloatArray, " n"],
         start: Hyperparameters,
-        limits: LengthScaleLimits,
         noise: NoisePrior,
         known: KnownNoise | None,
     ) -> None:
@@ -213,7 +203,7 @@ class _Search:
         self.columns = np.column_stack([values, np.ones(len(values))])
         reference = start.reference
         self.limits = (
-            (np.log(limits.least * reference), np.log(limits.most * reference)),
+            (np.log(_LENGTH_LIMITS[0] * reference), np.log(_LENGTH_LIMITS[1] * reference)),
             (np.log(noise.least), np.log(noise.most)),
         )
         self.best: _Evaluation | None = None

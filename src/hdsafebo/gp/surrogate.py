@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hdsafebo.errors import SurrogateError
-from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior, fit_gaussian_process
+from hdsafebo.gp.fit import NoisePrior, fit_gaussian_process
 from hdsafebo.gp.gaussian_process import GaussianProcess, Hyperparameters
 from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.gp.safe_set import safe_probability, violation_bound
@@ -248,7 +248,6 @@ def fit_surrogate(
     *,
     start: SurrogateState | None = None,
     cache: DistanceCache | None = None,
-    limits: LengthScaleLimits | None = None,
     noise: NoisePrior | None = None,
     known_noise: Shaped[FloatArray, "n e"] | None = None,
     refine: bool = True,
@@ -262,7 +261,6 @@ def fit_surrogate(
         thresholds: (m,) transformed thresholds.
         start: of the last fit.
         cache: distances of an earlier call.
-        limits: of the length scales.
         noise: prior of the noise ratios.
         known_noise: (n, 1 + m) standard deviations of the noise of objective and safety values; a function
             with a NaN among its own has an unknown noise. What is predicted of a safety function with known
@@ -289,7 +287,6 @@ def fit_surrogate(
             distances,
             np.ascontiguousarray(y),
             start=s,
-            limits=limits,
             noise=noise,
             known_noise=k,
             refine=refine,

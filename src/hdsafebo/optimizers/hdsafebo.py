@@ -39,16 +39,21 @@ from hdsafebo.search.region import TrustRegion, TrustRegionRule, safe_update
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
 
+# The paper uses "the default setting of SCBO"; these are BoTorch's.
+_INITIAL_LENGTH = 0.8
+"""l_0."""
+_MOST_LENGTH = 1.6
+"""l_max."""
+_LEAST_LENGTH = 2.0**-7
+"""l_min."""
+_SUCCESSES = 10
+"""tau_s."""
+
 
 class HdSafeBOSettings(SafeSetSettings):
     """Settings of HdSafeBO. Where the paper leaves a reading open, the setting says which ones there are.
 
     Attributes:
-        length_initial: l_0. The paper uses SCBO's defaults, in BoTorch 0.8, 1.6, 2^-7 and tau_s = 10.
-        length_max: l_max.
-        length_min: l_min.
-        success_tolerance: tau_s.
-        failure_tolerance: tau_f; None is SCBO's ceil(max(4 / q, d / q)) for a round of q trials.
         box: l_t is the "side" of the box, z* -+ l_t / 2, as in SCBO and the text of section 4.2, or its
             "half_width", z* -+ l_t, as line 6 of Algorithm 1 is printed.
         unit: l_t counts widths of the searched box ("box", as in SCBO) or fitted length scales
@@ -61,11 +66,6 @@ class HdSafeBOSettings(SafeSetSettings):
         local: False searches the whole box (the paper's ablation without local search).
     """
 
-    length_initial: float = Field(default=0.8, gt=0)
-    length_max: float = Field(default=1.6, gt=0)
-    length_min: float = Field(default=2.0**-7, gt=0)
-    success_tolerance: int = Field(default=10, ge=1)
-    failure_tolerance: int | None = Field(default=None, ge=1)
     box: Literal["side", "half_width"] = "side"
     unit: Literal["box", "length_scale"] = "box"
     batch_success: Literal["improved", "improved_and_all_safe"] = "improved_and_all_safe"
@@ -83,7 +83,7 @@ class HdSafeBO(Optimizer[HdSafeBOSettings]):
 
     def prepare(self) -> None:
         """Line 1 of Algorithm 1, and l_0."""
-        self.region = TrustRegion(self.settings.length_initial)
+        self.region = TrustRegion(_INITIAL_LENGTH)
 
     def propose(self, n: int) -> Proposal:
         """Lines 5 to 8 of Algorithm 1, for a batch."""
@@ -94,7 +94,7 @@ class HdSafeBO(Optimizer[HdSafeBOSettings]):
             candidates = self.space.pinned(self._candidates(centre, *self._box(centre, length)))  # line 6
             inputs = self.inputs_at(candidates)
             safe = self.surrogate.believed_safe(inputs, beta)  # lines 5 and 7
-            if safe.sum() >= n or length <= self.settings.length_min or not self.settings.local:
+            if safe.sum() >= n or length <= _LEAST_LENGTH or not self.settings.local:
                 break
             length /= 2  # too few candidates are believed safe: look closer to the point that was safe
         chosen = np.flatnonzero(safe)  # line 8
@@ -152,7 +152,6 @@ class HdSafeBO(Optimizer[HdSafeBOSettings]):
         return np.where(moved, points, np.clip(centre, 0.0, 1.0))
 
     def _rule(self, batch: int) -> TrustRegionRule:
-        """Constants of Algorithm 2 for a round of `batch` trials."""
-        s = self.settings
-        failures = s.failure_tolerance or ceil(max(4 / batch, self.space.dimension / batch))
-        return TrustRegionRule(s.length_initial, s.length_min, s.length_max, s.success_tolerance, failures)
+        """Constants of Algorithm 2 for a round of q trials; tau_f is SCBO's ceil(max(4 / q, d / q))."""
+        failures = ceil(max(4 / batch, self.space.dimension / batch))
+        return TrustRegionRule(_INITIAL_LENGTH, _LEAST_LENGTH, _MOST_LENGTH, _SUCCESSES, failures)

@@ -268,11 +268,14 @@ class Knowledge(ABC, Generic[S]):
         return self._space
 
     def make_space(self, bounds: FloatArray) -> SearchSpace:
-        """A search space over the given box, with this optimiser's kernel metric."""
-        isotropic = self.model_settings.isotropic
+        """A search space over the given box.
+
+        The kernel divides all code dimensions by one number, as Proposition 3 of the paper needs, and the
+        problem's own inputs each by its width.
+        """
         return SearchSpace(
             bounds,
-            isotropic=self.embedding is not None if isotropic is None else isotropic,
+            isotropic=self.embedding is not None,
             land=self.problem.land if self.problem.lands else None,
         )
 
@@ -317,7 +320,6 @@ class Knowledge(ABC, Generic[S]):
             rows,
             inputs_of=self.inputs_of,
             objective=self.outcomes_to_fit(rows),
-            settings=self.model_settings,
             noise=self.noise_prior,
             refine=self.refines(),
             start=start,

@@ -41,10 +41,6 @@ class ModelSettings(OptimizerSettings):
     Attributes:
         beta: a point is in the safe set when mu + beta * sigma >= h (paper: 2 in all experiments).
         alpha: safe probability to promise instead, beta = Phi^-1(1 - alpha) (paper, Proposition 1).
-        isotropic: divide all code dimensions by one number for the kernel, as Proposition 3 of the paper
-            needs, or each by its own width (see `search.space`); None does so when there is an embedding.
-        shortest_length_scale: limit of fitted length scales, in median distances of the data.
-        longest_length_scale: the other limit.
         max_fitted_trials: the surrogate is fitted only to so many completed trials, those nearest to the best
             feasible one (see `nearest_trials`), so that a round costs the same however many there are; None
             fits it to all. What is believed safe, and each safe probability, is then given those trials
@@ -56,9 +52,6 @@ class ModelSettings(OptimizerSettings):
 
     beta: float = 2.0
     alpha: float | None = Field(default=None, gt=0, lt=1)
-    isotropic: bool | None = None
-    shortest_length_scale: float = Field(default=0.005, gt=0)
-    longest_length_scale: float = Field(default=3.0, gt=0)
     max_fitted_trials: int | None = Field(default=None, ge=1)
 
     @model_validator(mode="after")
@@ -66,11 +59,6 @@ class ModelSettings(OptimizerSettings):
         if self.alpha is not None and "beta" in self.model_fields_set:
             raise ValueError(
                 f"alpha ({self.alpha}) and beta ({self.beta}) set the same thing; give one of them"
-            )
-        if self.shortest_length_scale > self.longest_length_scale:
-            raise ValueError(
-                f"shortest_length_scale ({self.shortest_length_scale}) exceeds "
-                f"longest_length_scale ({self.longest_length_scale})"
             )
         return self
 

@@ -7,10 +7,11 @@ from hdsafebo.params.methods import MethodBlock, Space
 from hdsafebo.params.model import Params
 from hdsafebo.params.reading import load_params, parse_params
 from hdsafebo.params.spinal import Spinal
-from hdsafebo.params.tasks import Budget, HandProblem, SyntheticProblem
+from hdsafebo.params.tasks import BodyProblem, Budget, HandProblem, SyntheticProblem
 
 __all__ = [
     "Block",
+    "BodyProblem",
     "Budget",
     "Count",
     "Digits",

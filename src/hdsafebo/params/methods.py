@@ -8,7 +8,8 @@ from pydantic import ConfigDict
 
 from hdsafebo.params.base import Block, MethodSettings, Scalar
 
-Space = Literal["latent", "original"]
+Space = Literal["latent", "original", "torques", "gains"]
+"""What is searched; `torques` and `gains` exist on the body alone."""
 
 
 class MethodBlock(Block):
@@ -18,7 +19,8 @@ class MethodBlock(Block):
 
     Attributes:
         algorithm: what runs, by its name in the registry of methods; the name of the block unless given.
-        space: what is searched, the codes of the task's embedding or the problem's own inputs.
+        space: what is searched: the codes of the task's embedding, or the problem's own inputs; on the body
+            also its weights over joint-torque synergies, or the gains of a reflex.
     """
 
     model_config = ConfigDict(extra="allow")

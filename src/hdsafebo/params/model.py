@@ -88,4 +88,9 @@ class Params(Block):
                         raise ValueError(
                             f"tasks.{family}.{key}: {name!r} has no block under methods, which has {blocks}"
                         )
+                    if (space := self.methods[name].space) not in task.spaces:
+                        raise ValueError(
+                            f"tasks.{family}.{key}: {name!r} searches the space {space!r}; "
+                            f"expected one of {', '.join(task.spaces)}"
+                        )
         return self

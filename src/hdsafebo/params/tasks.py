@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from hdsafebo.params.base import Block, Count, MethodSettings, Positive
+from hdsafebo.params.methods import Space
+
+_CONTROL_INTERVAL = 0.01  # s, of `bodies.simulation`
 
 
 class Budget(Block):
@@ -46,8 +49,10 @@ class Family(Block):
         budget: how much is evaluated.
         methods: which run.
         settings: of methods on these tasks, beyond their settings on all tasks.
+        spaces: what methods can search.
     """
 
+    spaces: ClassVar[tuple[Space, ...]] = ("latent", "original")
     budget: Budget
     methods: list[str]
     settings: dict[str, MethodSettings] = {}
@@ -117,6 +122,44 @@ class HandTask(Family):
     tasks: Annotated[list[Literal["hand", "hand_informed"]], Field(min_length=1)] = ["hand", "hand_informed"]
 
 
+class BodyProblem(Block):
+    """The whole body after a push (`problems/body.py`).
+
+    Attributes:
+        body: its model, 416 or 80 muscles.
+        pushes: seeds of the pushes that every trial meets.
+        unseen_pushes: seeds of pushes that no trial meets, for the best policies alone.
+        horizon: control steps of 10 ms of an episode.
+        least_time: that the body must stay up, s.
+        most_load: torque of joint stops and couplings that it must stay below, N m.
+    """
+
+    body: Literal["myofullbody", "myolegs"] = "myofullbody"
+    pushes: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)] = [1, 4, 9]
+    unseen_pushes: list[Annotated[int, Field(ge=0)]] = [101, 102, 103, 104, 105]
+    horizon: Count = 500
+    least_time: Positive = 1.7
+    most_load: Positive = 80.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> BodyProblem:
+        if self.least_time > self.horizon * _CONTROL_INTERVAL:
+            raise ValueError(
+                f"least_time ({self.least_time:g} s) must not exceed the horizon "
+                f"({self.horizon * _CONTROL_INTERVAL:g} s)"
+            )
+        if both := sorted(set(self.pushes) & set(self.unseen_pushes)):
+            raise ValueError(f"pushes {both} are among pushes and unseen_pushes")
+        return self
+
+
+class BodyTask(Family):
+    """The body, and the methods that run on it: over all weights, joint-torque synergies or reflex gains."""
+
+    spaces: ClassVar[tuple[Space, ...]] = ("latent", "original", "torques", "gains")
+    problem: BodyProblem = BodyProblem()
+
+
 class ScsProblem(Block):
     """What the optimisers see of the stimulation dataset.
 
@@ -174,5 +217,6 @@ class Tasks(Block):
 
     synthetic: SyntheticTask
     hand: HandTask
+    body: BodyTask
     scs: ScsTask
     digits: DigitsTask

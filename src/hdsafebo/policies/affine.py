@@ -16,6 +16,12 @@ _FARTHEST = 5.0
 """Observations are cut at so many deviations: what no recorded policy has met moves no action further."""
 
 
+def in_single_precision(x: FloatArray) -> FloatArray:
+    """x with every number rounded to single precision; what is too large for it becomes infinite."""
+    with np.errstate(over="ignore"):
+        return x.astype(np.float32).astype(float)
+
+
 @dataclass(frozen=True)
 class Normalisation:
     """Observations in deviations from recorded ones.
@@ -93,7 +99,7 @@ class PolicySpace:
         return self.actions * (self.observations + 1)
 
     def policy(self, x: ArrayLike) -> AffinePolicy:
-        """The policy with the (dimension,) weights x.
+        """The policy with the (dimension,) weights x, in single precision: what a file keeps plays the same.
 
         Raises:
             ProblemError: another shape, or weights that are not finite.
@@ -104,6 +110,7 @@ class PolicySpace:
                 f"policy of shape {weights.shape}; expected ({self.dimension},): {self.actions} actions x "
                 f"({self.observations} observations + 1)"
             )
+        weights = in_single_precision(weights)
         if not np.isfinite(weights).all():
             raise ProblemError(f"policy has {int((~np.isfinite(weights)).sum())} weights that are not finite")
         return AffinePolicy(self, weights.reshape(self.actions, -1))

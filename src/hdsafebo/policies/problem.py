@@ -19,13 +19,13 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hdsafebo.errors import ProblemError
-from hdsafebo.policies.affine import AffinePolicy, Normalisation
+from hdsafebo.policies.affine import AffinePolicy, Normalisation, in_single_precision
 from hdsafebo.policies.designs import Design, gaussian_design
 from hdsafebo.policies.environments import (
     EnvironmentMaker,
@@ -44,12 +44,15 @@ from hdsafebo.policies.making import (
     weight_limits,
 )
 from hdsafebo.policies.policy_file import check_same_space, load_policy, save_policy
-from hdsafebo.policies.recording import check_seeds, recorded_observations
+from hdsafebo.policies.recording import check_seeds, checked_observations, recorded_observations
 from hdsafebo.policies.safety import EpisodeSafety
 from hdsafebo.policies.synergies import ActionSynergies
 from hdsafebo.problem import LinearFeatures, Problem, check_problem
 from hdsafebo.trials import Evaluation, Trials
 from hdsafebo.typing import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from hdsafebo.policies.video import Film
 
 _LEAST_SCALE = 0.05
 _DRAWS = 100
@@ -78,7 +81,8 @@ class GymnasiumPolicies(Problem):
             of the recorded observations' second moment, at most 12. What they leave out, `hdsafebo_local`
             searches as an evolution strategy does.
         action_directions: main directions of actions that they keep; None keeps all actions.
-        recorded: number of initial policies that are played to record observations.
+        recorded: number of initial policies that are played to record observations; or (n, o) observations
+            that were recorded before, which are not checked again.
         recording_seed: of their draw.
         name: in files and messages; None takes the environment's.
         executor: spreads episodes over its workers; None plays them here. Results do not depend on it.
@@ -86,7 +90,8 @@ class GymnasiumPolicies(Problem):
     Attributes:
         policies: the space of policies.
         horizon: most steps of an episode.
-        recorded: (n, o + 1) recorded normalised observations, with their constant.
+        observations: (n, o) recorded ones.
+        recorded: (n, o + 1) the same, normalised, with their constant.
 
     Raises:
         ProblemError: the environment cannot be made or searched; the message says what is wrong.
@@ -109,7 +114,7 @@ class GymnasiumPolicies(Problem):
         box: ArrayLike | Literal["design"] = 1.0,
         directions: int | None = None,
         action_directions: int | None = None,
-        recorded: int = 10,
+        recorded: int | FloatArray = 10,
         recording_seed: int = 0,
         name: str | None = None,
         executor: Executor | None = None,
@@ -128,11 +133,18 @@ class GymnasiumPolicies(Problem):
             self.policies = raw_space(made, base, unit)
         finally:
             made.close()
-        if recorded < 1:
-            raise ProblemError(f"recorded is {recorded}; expected at least 1 policy")
-        self.recorded = self._record(self._drawn(recorded, np.random.default_rng(recording_seed)))
+        if isinstance(recorded, int):
+            if recorded < 1:
+                raise ProblemError(f"recorded is {recorded}; expected at least 1 policy")
+            played = self._drawn(recorded, np.random.default_rng(recording_seed))
+            self.observations = self._record(played)
+        else:
+            self.observations = checked_observations(recorded, self.policies.observations, self.name)
+        normalisation = Normalisation.of(self.observations, _LEAST_SCALE)
+        self.policies = replace(self.policies, normalisation=normalisation)
+        self.recorded = normalisation(self.observations)
         drawn = self._drawn(_DRAWS, np.random.default_rng([recording_seed, 1]))
-        self.bounds = weight_limits(box, drawn)
+        self.bounds = in_single_precision(weight_limits(box, drawn))
         axes = action_axes(action_directions, drawn, self.recorded, self.policies.actions)
         kept = main_directions(self.recorded) if directions is None else directions
         self.features = behaviour_features(self.recorded, kept, axes, self.policies.actions)
@@ -148,7 +160,7 @@ class GymnasiumPolicies(Problem):
 
     def initial(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
         """n policies of the design, cut to the box."""
-        x = np.clip(self._drawn(n, rng), *self.bounds)
+        x = in_single_precision(np.clip(self._drawn(n, rng), *self.bounds))
         return x, np.full(n, -1)
 
     # --- policies
@@ -176,6 +188,16 @@ class GymnasiumPolicies(Problem):
 
         chosen = self.seeds[0] if seed is None else seed
         return record_episode(self._maker, self.policy(x), chosen, self.horizon, Path(path))
+
+    def film(self, x: ArrayLike, seed: int, fps: float) -> Film:
+        """One episode of a policy with its pictures, at most `fps` a second.
+
+        Raises:
+            RenderingUnavailableError: the environment or this machine cannot draw.
+        """
+        from hdsafebo.policies.video import film_episode
+
+        return film_episode(self._maker, self.policy(x), seed, self.horizon, fps)
 
     def save_policy(self, x: ArrayLike, path: str | Path) -> None:
         """Write a policy with all that is needed to play it, as safetensors.
@@ -251,11 +273,9 @@ class GymnasiumPolicies(Problem):
         return x
 
     def _record(self, x: FloatArray) -> FloatArray:
-        """Play initial policies x, which settles the normalisation; returns what they saw, normalised."""
+        """(n, o) what initial policies x see, played with all seeds."""
         episodes = self._play(x, self.seeds)
         observations = recorded_observations(episodes, self.name)
         check_seeds(episodes, self._play(x[:1], self.seeds[:1])[0][0], self.seeds, self.name)
         self.evaluation(episodes)  # safety functions that give no number say so now
-        normalisation = Normalisation.of(observations, _LEAST_SCALE)
-        self.policies = replace(self.policies, normalisation=normalisation)
-        return normalisation(observations)
+        return observations

@@ -30,6 +30,20 @@ def recorded_observations(episodes: Sequence[Sequence[Episode]], name: str) -> F
     return np.concatenate(good)
 
 
+def checked_observations(given: FloatArray, size: int, name: str) -> FloatArray:
+    """(n, o) observations that were recorded before.
+
+    Raises:
+        ProblemError: they are none, not finite, or not this environment's.
+    """
+    observations = np.asarray(given, float)
+    if observations.ndim != 2 or len(observations) == 0 or observations.shape[1] != size:
+        raise ProblemError(f"observations of shape {observations.shape} for {name!r}; expected (n, {size})")
+    if not np.isfinite(observations).all():
+        raise ProblemError(f"recorded observations of {name!r} are not finite; record them again")
+    return observations
+
+
 def check_seeds(
     episodes: Sequence[Sequence[Episode]], again: Episode, seeds: Sequence[int], name: str
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -19,16 +20,30 @@ from hdsafebo.policies.episode import Episode, play_episode
 _DEFAULT_FPS = 30
 
 
-def record_episode(
-    maker: EnvironmentMaker, policy: AffinePolicy, seed: int, horizon: int, path: Path
-) -> Episode:
-    """Play a policy once and write what the environment draws as MP4, in real time.
+@dataclass(frozen=True)
+class Film:
+    """An episode and what it looked like.
 
-    Frames are left out so that a second has at most 25 or so.
+    Attributes:
+        episode: the episode.
+        frames: pictures, the first of the start.
+        fps: of the pictures, in real time.
+    """
+
+    episode: Episode
+    frames: list[Picture]
+    fps: float
+
+
+def film_episode(
+    maker: EnvironmentMaker, policy: AffinePolicy, seed: int, horizon: int, fps: float = FRAMES_PER_SECOND
+) -> Film:
+    """Play a policy once and keep what the environment draws.
+
+    Frames are left out so that a second has at most `fps` of them or so.
 
     Raises:
         RenderingUnavailableError: the environment or this machine cannot draw.
-        WriteError: the file cannot be written.
     """
     try:
         environment = maker.make(render_mode="rgb_array")
@@ -36,8 +51,8 @@ def record_episode(
         raise RenderingUnavailableError(f"environment {maker.name!r} makes no pictures: {error}") from error
     frames: list[Picture] = []
     seen = 0
-    fps = float(environment.metadata.get("render_fps") or _DEFAULT_FPS)
-    stride = max(1, ceil(fps / FRAMES_PER_SECOND - 0.5))
+    steps_per_second = float(environment.metadata.get("render_fps") or _DEFAULT_FPS)
+    stride = max(1, ceil(steps_per_second / fps - 0.5))
 
     def watch(environment: Any) -> None:
         nonlocal seen
@@ -51,9 +66,22 @@ def record_episode(
         environment.close()
     if not frames:
         raise RenderingUnavailableError(f"environment {maker.name!r} drew nothing: {episode.failure}")
+    return Film(episode, frames, steps_per_second / stride)
+
+
+def record_episode(
+    maker: EnvironmentMaker, policy: AffinePolicy, seed: int, horizon: int, path: Path
+) -> Episode:
+    """Play a policy once and write what the environment draws as MP4, in real time.
+
+    Raises:
+        RenderingUnavailableError: the environment or this machine cannot draw.
+        WriteError: the file cannot be written.
+    """
+    film = film_episode(maker, policy, seed, horizon)
     with replacing(path) as temporary:
-        write_video(frames, temporary, fps / stride)
-    return episode
+        write_video(film.frames, temporary, film.fps)
+    return film.episode
 
 
 def _frame(environment: Any, name: str) -> Picture:

@@ -7,26 +7,34 @@ Objective: mean return over fixed pushes. Safety functions, the least of the pus
 
 Both are computed from the episode alone. Initial policies are stretch and balance reflexes with random gains
 about the muscle excitations that hold the posture; a third of them is unsafe, and none stands for 5 s.
+
+All weights are searched, or in their place the weights over joint-torque synergies (the space `torques`) or
+the six gains of the reflex (`gains`). A stage records once what reflexes observe, from which normalisation
+and kernel features follow for every run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
 from hdsafebo.bodies.environment import HORIZON
 from hdsafebo.bodies.posture import posture_of
-from hdsafebo.bodies.reflex import ReflexGains, gain_ranges, random_gains, reflex
 from hdsafebo.bodies.simulation import CONTROL_INTERVAL
+from hdsafebo.errors import ProblemError, UnknownNameError
+from hdsafebo.files.atomic import replacing
+from hdsafebo.params import BodyProblem, Params
 from hdsafebo.policies import GymnasiumPolicies
-from hdsafebo.policies.affine import PolicySpace
 from hdsafebo.policies.safety import EpisodeSafety, budget, lasts
 from hdsafebo.policies.synergies import ActionSynergies
-from hdsafebo.problem import Problem, check_problem
-from hdsafebo.trials import Evaluation, Trials
+from hdsafebo.problem import Codec
+from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.reflexes import EXCITATION_UNIT, ReflexDesign, ReflexGainsProblem, as_action
+from hdsafebo.problems.registry import Task
 from hdsafebo.typing import FloatArray
 
 PUSHES = (1, 4, 9)
@@ -38,35 +46,9 @@ LEAST_TIME = 1.7
 MOST_LOAD = 80.0
 """N m."""
 ENVIRONMENTS = {"myofullbody": "hdsafebo/PushedBody-v0", "myolegs": "hdsafebo/PushedLegs-v0"}
+RECORDED_FILE = "data/body/observations.npz"
+RECORDED_REFLEXES = 8
 _DIRECTIONS = 8
-_EXCITATION_UNIT = 2.0
-"""Actions span [-1, 1] and excitations [0, 1]: with it, weights are in units of excitation."""
-_TONE_SPREAD = 0.2
-"""Of the logarithm of the excitations about which random reflexes act."""
-_JITTER = 0.01
-
-
-@dataclass(frozen=True)
-class ReflexDesign:
-    """Draws reflexes with random gains; see `bodies.reflex`.
-
-    Attributes:
-        body: name of the body.
-    """
-
-    body: str
-
-    def __call__(self, space: PolicySpace, n: int, rng: np.random.Generator) -> FloatArray:
-        """(n, D) weights of n reflexes, with a little noise in every weight."""
-        return np.stack([self._one(space, rng) for _ in range(n)])
-
-    def _one(self, space: PolicySpace, rng: np.random.Generator) -> FloatArray:
-        [gains] = random_gains(self.body, 1, rng)
-        holding = posture_of(self.body).holding
-        tone = holding * np.exp(_TONE_SPREAD * rng.standard_normal(len(holding)))
-        weights = space.weights_of(_EXCITATION_UNIT * reflex(self.body, gains), _as_action(tone))
-        columns = space.observations + 1
-        return weights + _JITTER / np.sqrt(columns) * rng.standard_normal(len(weights))
 
 
 def body_policies(
@@ -76,6 +58,7 @@ def body_policies(
     horizon: int = HORIZON,
     least_time: float = LEAST_TIME,
     most_load: float = MOST_LOAD,
+    recorded: int | FloatArray = RECORDED_REFLEXES,
     executor: Executor | None = None,
 ) -> GymnasiumPolicies:
     """The problem of a body that stays up.
@@ -86,6 +69,7 @@ def body_policies(
         horizon: control steps of 10 ms.
         least_time: that the body must stay up, s.
         most_load: torque of joint stops and couplings that it must stay below, N m.
+        recorded: number of reflexes that are played to record observations, or recorded observations.
         executor: see `GymnasiumPolicies`.
     """
     return GymnasiumPolicies(
@@ -94,44 +78,16 @@ def body_policies(
         seeds=pushes,
         horizon=horizon,
         arguments={"horizon": horizon},
-        base=_as_action(posture_of(body).holding),
-        unit=_EXCITATION_UNIT,
+        base=as_action(posture_of(body).holding),
+        unit=EXCITATION_UNIT,
         design=ReflexDesign(body),
         box="design",
         directions=_DIRECTIONS,
         action_directions=_DIRECTIONS,
-        recorded=8,
+        recorded=recorded,
         name=f"body_{body}",
         executor=executor,
     )
-
-
-class ReflexGainsProblem(Problem):
-    """The six gains of a reflex in place of all weights: what a careful person would tune.
-
-    Args:
-        policies: the problem of the body, which plays and judges.
-        body: its name.
-    """
-
-    depends_on_history = False
-
-    def __init__(self, policies: GymnasiumPolicies, body: str = "myofullbody") -> None:
-        self.policies, self.body = policies, body
-        self.name = f"{policies.name}_gains"
-        self.safety = policies.safety
-        self.bounds = gain_ranges(body)
-        check_problem(self)
-
-    def evaluate(self, trials: Trials) -> Evaluation:
-        """Play the reflexes with the gains of each row."""
-        x = np.stack([self.weights(row) for row in trials.x])
-        return self.policies.evaluate(Trials.pending(x, x, len(self.safety)))
-
-    def weights(self, gains: FloatArray) -> FloatArray:
-        """(D,) weights of the reflex with (6,) gains, about the excitations that hold the posture."""
-        gain = _EXCITATION_UNIT * reflex(self.body, ReflexGains(*np.asarray(gains, float).tolist()))
-        return self.policies.policies.weights_of(gain, _as_action(posture_of(self.body).holding))
 
 
 def torque_synergies(policies: GymnasiumPolicies, body: str = "myofullbody") -> ActionSynergies:
@@ -147,6 +103,73 @@ def safety_functions(least_time: float, most_load: float) -> list[EpisodeSafety]
     ]
 
 
-def _as_action(excitation: FloatArray) -> FloatArray:
-    """Excitations in [0, 1] as actions in [-1, 1]."""
-    return _EXCITATION_UNIT * excitation - 1.0
+def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
+    """The task `body`; see `problems.registry`. Nothing in it depends on the seed."""
+    if name != "body":
+        raise UnknownNameError("task", name, ["body"])
+    settings = params.tasks.body.problem
+    policies = policies_of(settings, load_observations(root / RECORDED_FILE))
+    codec: Codec = torque_synergies(policies, settings.body)
+    knowledge = _knowledge(settings, policies)
+    gains = ReflexGainsProblem(policies, settings.body)
+    return Task(
+        problem=policies,
+        embedding=None,
+        inputs=(RECORDED_FILE,),
+        knowledge=knowledge,
+        spaces={
+            "torques": Task(policies, lambda initial: codec, knowledge=knowledge),
+            "gains": Task(gains, None, knowledge=knowledge),
+        },
+    )
+
+
+def policies_of(settings: BodyProblem, recorded: int | FloatArray = RECORDED_REFLEXES) -> GymnasiumPolicies:
+    """The problem that the parameters describe; `recorded` as in `body_policies`."""
+    return body_policies(
+        settings.body,
+        settings.pushes,
+        horizon=settings.horizon,
+        least_time=settings.least_time,
+        most_load=settings.most_load,
+        recorded=recorded,
+    )
+
+
+def save_observations(observations: FloatArray, path: Path) -> None:
+    """Write (n, o) observations of an environment whose observations have single precision.
+
+    Raises:
+        WriteError: the file cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, observations=np.asarray(observations, np.float32))
+
+
+def load_observations(path: Path) -> FloatArray:
+    """(n, o) what `save_observations` wrote.
+
+    Raises:
+        ProblemError: the file is missing or damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            return np.asarray(kept["observations"], float)
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
+        raise ProblemError(f"{path}: cannot be read: {error}; run the stage record_body") from error
+
+
+def _knowledge(settings: BodyProblem, policies: GymnasiumPolicies) -> Knowledge:
+    """What the methods are given, in words."""
+    joints = len(posture_of(settings.body).inertia)
+    over_torques, all_weights = joints * (policies.policies.observations + 1), policies.policies.dimension
+    return Knowledge(
+        latent_space=f"{over_torques:,} weights over {joints} joint-torque synergies, or the six gains of a "
+        f"reflex, for methods whose names say so; the others search all {all_weights:,} weights",
+        kernel_features=f"muscle excitations along {_DIRECTIONS} main directions, at the {_DIRECTIONS} main "
+        "directions of recorded observations",
+        safety=", ".join(function.name for function in policies.safety),
+        extra_trials=f"{RECORDED_REFLEXES} random reflexes, each played once per push, of which the "
+        "observations are used",
+    )

@@ -7,13 +7,13 @@ in both, and methods are compared within one of them only.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
 from hdsafebo.errors import UnknownNameError
-from hdsafebo.params import Params
+from hdsafebo.params import Params, Space
 from hdsafebo.problem import Codec, Problem
 from hdsafebo.problems.knowledge import Knowledge
 from hdsafebo.typing import FloatArray
@@ -33,6 +33,7 @@ class Task:
         latent_bounds: (2, d) box of the latent space: limits of the codes of the points that the
             embedding was trained on (paper, appendix); None takes the codes of the initial trials.
         knowledge: what of all this the methods are given, in words.
+        spaces: the same task searched in further spaces, by name: trials are played and judged alike.
     """
 
     problem: Problem
@@ -40,11 +41,13 @@ class Task:
     inputs: tuple[str, ...] = ()
     latent_bounds: FloatArray | None = None
     knowledge: Knowledge = field(default_factory=Knowledge)
+    spaces: Mapping[Space, Task] = field(default_factory=dict)
 
 
 _FAMILIES = {
     "synthetic": "hdsafebo.problems.synthetic",
     "hand": "hdsafebo.problems.hand",
+    "body": "hdsafebo.problems.body",
     "scs": "hdsafebo.problems.stimulation",
     "digits": "hdsafebo.problems.digits",
 }

@@ -28,6 +28,7 @@ from hdsafebo.report.sections.assessment import (
     safety_section,
 )
 from hdsafebo.report.sections.base import Details, Section
+from hdsafebo.report.sections.body import body_section
 from hdsafebo.report.sections.departures import departures_section
 from hdsafebo.report.sections.experiments import (
     ablation_section,
@@ -104,6 +105,7 @@ def _sections(results: Results, inputs: Inputs, isometry_points: int | None, roo
         Section("workflow", "The algorithm", "Figure 1", [workflow_figure()]),
         synthetic_section(results),
         hand_section(results, inputs),
+        body_section(results, inputs.body),
         ablation_section(results),
         stimulation_section(results, inputs),
         embedding_section(inputs, isometry_points),

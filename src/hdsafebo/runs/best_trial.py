@@ -1,4 +1,4 @@
-"""The best safe trial of a run file, to play it again and draw it."""
+"""The best safe trials of a run file, to play them again and draw them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.params import Space
 from hdsafebo.runs.read import read_run
 from hdsafebo.typing import FloatArray
 
@@ -22,8 +24,8 @@ class BestTrial:
         trial: its number in that run.
         objective: as it was evaluated.
         z: (d,) what was searched, in the single precision of run files.
-        latent: z is the code of an embedding; otherwise it is the problem's own input.
-        mean_best: mean over runs of the best safe objective; the trial itself is the best of all runs.
+        space: what z is a point of.
+        mean_best: mean over runs of the best safe objective.
     """
 
     method: str
@@ -31,8 +33,13 @@ class BestTrial:
     trial: int
     objective: float
     z: FloatArray
-    latent: bool
+    space: Space
     mean_best: float
+
+    @property
+    def latent(self) -> bool:
+        """Whether z is the code of an embedding; otherwise it is the problem's own input."""
+        return self.space == "latent"
 
 
 def best_trial(path: Path) -> BestTrial | None:
@@ -44,32 +51,51 @@ def best_trial(path: Path) -> BestTrial | None:
     Raises:
         DatasetError: the file cannot be read as a run file.
     """
+    return max(best_trials(path), key=lambda trial: trial.objective, default=None)
+
+
+def best_trials(path: Path, *, initial: bool = False) -> list[BestTrial]:
+    """Of every seed that has one, the safe trial of highest objective.
+
+    Args:
+        path: a run file.
+        initial: among the initial trials; otherwise among those that the method proposed.
+
+    Raises:
+        DatasetError: the file cannot be read as a run file.
+    """
     run = read_run(path)
-    proposed = run.chosen[run.chosen["safe"]]
-    if proposed.empty:
-        return None
-    best = proposed.iloc[int(proposed["objective"].to_numpy().argmax())]
     safe = run.trials[run.trials["safe"] & (run.trials["status"] == "completed")]
-    seed, trial = int(best["seed"]), int(best["trial"])
-    return BestTrial(
-        method=run.meta.method,
-        seed=seed,
-        trial=trial,
-        objective=float(best["objective"]),
-        z=_searched(path, seed, trial),
-        latent=run.meta.space == "latent",
-        mean_best=float(safe.groupby("seed")["objective"].max().mean()),
-    )
+    if safe.empty:
+        return []
+    mean_best = float(safe.groupby("seed")["objective"].max().mean())
+    among = safe[safe["initial"] == initial]
+    rows = [
+        of_seed.iloc[int(of_seed["objective"].to_numpy().argmax())] for _, of_seed in among.groupby("seed")
+    ]
+    points = _searched(path, [(int(row["seed"]), int(row["trial"])) for row in rows])
+    return [
+        _trial(row, z, run.meta.method, run.meta.space, mean_best)
+        for row, z in zip(rows, points, strict=True)
+    ]
 
 
-def _searched(path: Path, seed: int, trial: int) -> FloatArray:
-    """(d,) coordinates of one trial; `read_run` leaves the column out, because it is the bulk of the file."""
+def _trial(row: pd.Series, z: FloatArray, method: str, space: Space, mean_best: float) -> BestTrial:
+    seed, trial = int(row["seed"]), int(row["trial"])
+    return BestTrial(method, seed, trial, float(row["objective"]), z, space, mean_best)
+
+
+def _searched(path: Path, trials: list[tuple[int, int]]) -> list[FloatArray]:
+    """(d,) coordinates of each trial; `read_run` leaves them out, because they are the bulk of the file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    if not trials:
+        return []
     try:
         table = pq.ParquetFile(path).read(columns=["seed", "trial", "z"])
-        rows = np.flatnonzero((table["seed"].to_numpy() == seed) & (table["trial"].to_numpy() == trial))
-        return np.asarray(table["z"][int(rows[0])].as_py(), float)
+        numbers = list(zip(table["seed"].to_pylist(), table["trial"].to_pylist(), strict=True))
+        column = table["z"]
+        return [np.asarray(column[numbers.index(one)].values, float) for one in trials]
     except (OSError, KeyError, pa.ArrowException) as error:
         raise DatasetError(f"{path}: column z cannot be read: {error}") from None

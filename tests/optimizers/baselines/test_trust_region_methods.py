@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from hdsafebo.errors import ParamsError
 from hdsafebo.gp.sampling import distinct_maxima
 from hdsafebo.optimizers.baselines.baxus import Baxus, nesting
-from hdsafebo.optimizers.baselines.box_region import BoxRegionSettings, failure_tolerance, relative_weights
+from hdsafebo.optimizers.baselines.box_region import box_rule, failure_tolerance, relative_weights
 from hdsafebo.optimizers.baselines.hesbo import Hesbo
 from hdsafebo.optimizers.baselines.scbo import Scbo, bilog, feasible_first
 from hdsafebo.optimizers.baselines.turbo import Turbo
@@ -15,8 +14,7 @@ from hdsafebo.search.candidates import box_candidates
 from hdsafebo.search.region import TrustRegion, safe_update
 from optimizers.toy import bowl_problem, observe_initial, run_rounds
 
-SETTINGS = BoxRegionSettings(success_tolerance=2)
-RULE = SETTINGS.rule(2)
+RULE = box_rule(successes=2, failures=2)
 
 
 def test_side_doubles_and_halves() -> None:
@@ -26,7 +24,7 @@ def test_side_doubles_and_halves() -> None:
         assert region.length == length
     region = safe_update(safe_update(region, False, RULE), False, RULE)
     assert region == TrustRegion(0.8)
-    assert safe_update(region, False, SETTINGS.rule(5), weight=5) == TrustRegion(0.4)
+    assert safe_update(region, False, box_rule(2, 5), weight=5) == TrustRegion(0.4)
 
 
 @pytest.mark.parametrize(("d", "q", "rounds"), [(50, 10, 5), (10, 4, 3), (2, 1, 4), (325, 10, 33)])
@@ -63,11 +61,6 @@ def test_bilog_keeps_sign_and_order() -> None:
     margin = np.linspace(-50, 50, 101)
     assert (np.diff(bilog(margin)) > 0).all()
     np.testing.assert_array_equal(np.sign(bilog(margin)), np.sign(margin))
-
-
-def test_lengths_must_be_ordered() -> None:
-    with pytest.raises(ParamsError, match="min_length"):
-        Turbo(bowl_problem(), min_length=0.9)
 
 
 @pytest.mark.parametrize("kind", [Turbo, Scbo])

@@ -72,7 +72,6 @@ def test_noise_is_not_taken_for_an_error_of_the_model() -> None:
     ("make", "kind"),
     [
         (lambda: HdSafeBOLocal(bowl_problem()), ConstrainedSearch),
-        (lambda: HdSafeBOLocal(bowl_problem(), isotropic=True), AscentSearch),
         (lambda: HdSafeBOLocal(bowl_problem(dimension=101)), AscentSearch),
         (
             lambda: HdSafeBOLocal(bowl_problem(), embedding=Halving(), bounds=[[0.0] * 4, [0.5] * 4]),

@@ -214,7 +214,7 @@ def test_a_thousand_flipped_bytes_anywhere_lose_nothing(worked: Session) -> None
     worked.suggest("ann")
     assert spoil_by_a_byte(worked, 700, seed=3) > 500
     press(worked.store.directory, "ann", "it hurts", utc_now())
-    assert spoil_by_a_byte(worked, 300, seed=4) > 200
+    assert spoil_by_a_byte(worked, 300, seed=4) > 150  # a third of the files are those of which nothing hangs
 
 
 def test_every_byte_of_the_last_row_counts_in_either_copy(worked: Session) -> None:

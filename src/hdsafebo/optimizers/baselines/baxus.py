@@ -13,27 +13,35 @@ from pydantic import Field
 from hdsafebo.gp.ard import TRUST_REGION
 from hdsafebo.gp.ard_process import WarmStart
 from hdsafebo.gp.sampling import distinct_maxima
-from hdsafebo.optimizers.baselines.box_region import BoxRegionSettings, relative_weights
+from hdsafebo.optimizers.baselines.box_region import (
+    INITIAL_LENGTH,
+    LEAST_LENGTH,
+    BoxRegionSettings,
+    box_rule,
+    improves,
+    relative_weights,
+)
 from hdsafebo.optimizers.baselines.count_sketch import CountSketch
 from hdsafebo.optimizers.baselines.subspace import SubspaceOptimizer
 from hdsafebo.search.candidates import box_candidates
-from hdsafebo.search.region import IMPROVEMENT, TrustRegion, safe_update
+from hdsafebo.search.region import TrustRegion, safe_update
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
+
+_NEW_BINS = 3
+"""b, the new coordinates that a split of one gives; 3 as in BAxUS' own code."""
+_SUCCESSES = 3
+"""Successes in a row that double the side; 3 as in BAxUS' and TuRBO's own code (the tutorials: 10)."""
 
 
 class BaxusSettings(BoxRegionSettings):
     """Settings of `baxus`.
 
     Attributes:
-        success_tolerance: 3, as in BAxUS' own code.
-        new_bins: b, new coordinates per split of one.
         budget: trials after which the subspace should have grown to the whole space; it sets how long each
             dimension is searched.
     """
 
-    success_tolerance: int = Field(default=3, ge=1)
-    new_bins: int = Field(default=3, ge=1)
     budget: int = Field(default=500, ge=1)
 
 
@@ -53,12 +61,12 @@ class Baxus(SubspaceOptimizer[BaxusSettings]):
     def prepare(self) -> None:
         """The first subspace and region."""
         super().prepare()
-        self._region = TrustRegion(self.settings.initial_length)
+        self._region = TrustRegion(INITIAL_LENGTH)
 
     def first_sketch(self) -> CountSketch:
         """The subspace of d_init dimensions."""
         inputs = self.problem.bounds.shape[1]
-        _, dimension = nesting(inputs, self.settings.new_bins)
+        _, dimension = nesting(inputs, _NEW_BINS)
         return CountSketch.balanced(inputs, dimension, self.rng)
 
     def propose_latent(self, y: FloatArray, objective: FloatArray, n: int) -> tuple[FloatArray, float]:
@@ -77,28 +85,27 @@ class Baxus(SubspaceOptimizer[BaxusSettings]):
         before = rows[~np.isin(rows, trials.id)]
         if len(before) == 0:
             return
-        best = self.trials.objective[before].max()
         fresh = trials.objective[trials.completed]
-        success = bool(len(fresh)) and fresh.max() > best + IMPROVEMENT * abs(best)
-        rule = self.settings.rule(self.failure_tolerance)
+        success = len(fresh) > 0 and improves(fresh.max(), self.trials.objective[before].max())
+        rule = box_rule(_SUCCESSES, self.failure_tolerance)
         self._region = safe_update(self._region, success, rule, weight=len(trials))
-        if self._region.length >= self.settings.min_length:
+        if self._region.length >= LEAST_LENGTH:
             return
-        self._region = TrustRegion(self.settings.initial_length)
-        self._sketch, parent = self._sketch.split(self.settings.new_bins, self.rng)
+        self._region = TrustRegion(INITIAL_LENGTH)
+        self._sketch, parent = self._sketch.split(_NEW_BINS, self.rng)
         self._latent = self._latent[:, parent]
         self._warm = WarmStart()
 
     @property
     def failure_tolerance(self) -> int:
         """Failures in a row that halve the box, for the present dimension."""
-        s, d = self.settings, self._sketch.dimension
+        d = self._sketch.dimension
         inputs = self.problem.bounds.shape[1]
         if d == inputs:
             return d
-        splits, first = nesting(inputs, s.new_bins)
-        share = s.new_bins * s.budget * d / (first * ((s.new_bins + 1) ** (splits + 1) - 1))
-        halvings = max(1, floor(log(s.min_length / s.initial_length, 0.5)))
+        splits, first = nesting(inputs, _NEW_BINS)
+        share = _NEW_BINS * self.settings.budget * d / (first * ((_NEW_BINS + 1) ** (splits + 1) - 1))
+        halvings = max(1, floor(log(LEAST_LENGTH / INITIAL_LENGTH, 0.5)))
         return min(d, max(1, floor(round(share) / halvings)))
 
     def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -6,55 +6,117 @@ Optimization, NeurIPS 2019, section 2 and supplement.
 
 from __future__ import annotations
 
-import numpy as np
-from pydantic import Field, model_validator
+from dataclasses import asdict
+from typing import Any, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from hdsafebo.gp.ard_process import WarmStart
+from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.optimizers.settings import OptimizerSettings
-from hdsafebo.search.region import TrustRegionRule
+from hdsafebo.search.region import IMPROVEMENT, TrustRegion, TrustRegionRule, safe_update
+from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
+
+# Sides in widths of the box, as TuRBO's supplement and BoTorch's tutorials of TuRBO and SCBO have them.
+INITIAL_LENGTH = 0.8
+MOST_LENGTH = 1.6
+LEAST_LENGTH = 0.5**7
+"""A region with a shorter side starts anew."""
 
 
 class BoxRegionSettings(OptimizerSettings):
-    """Settings of the methods with such a region; lengths are sides in widths of the box.
+    """Settings of the methods with such a region.
 
     Attributes:
-        initial_length: L_0.
-        max_length: L_max.
-        min_length: L_min; below it the region restarts.
-        success_tolerance: successes in a row that double the side (10 in BoTorch's tutorials of TuRBO and
-            SCBO and in the paper, 3 in TuRBO's own).
         candidates: points that Thompson sampling chooses among; None takes min(5000, max(2000, 200 d)).
     """
 
-    initial_length: float = Field(default=0.8, gt=0)
-    max_length: float = Field(default=1.6, gt=0)
-    min_length: float = Field(default=0.5**7, gt=0)
-    success_tolerance: int = Field(default=10, ge=1)
     candidates: int | None = Field(default=None, ge=1)
-
-    @model_validator(mode="after")
-    def _ordered(self) -> BoxRegionSettings:
-        if not self.min_length < self.initial_length <= self.max_length:
-            raise ValueError(
-                f"expected min_length < initial_length <= max_length, got "
-                f"{self.min_length}, {self.initial_length}, {self.max_length}"
-            )
-        return self
-
-    def rule(self, failure_tolerance: int) -> TrustRegionRule:
-        """The region's rule; no least length, since a region below L_min starts anew with other data."""
-        return TrustRegionRule(
-            initial=self.initial_length,
-            least=0.0,
-            most=self.max_length,
-            successes=self.success_tolerance,
-            failures=failure_tolerance,
-            restart=False,
-        )
 
     def candidate_count(self, dimension: int) -> int:
         """Number of candidates in d dimensions."""
         return self.candidates or min(5000, max(2000, 200 * dimension))
+
+
+S = TypeVar("S", bound=BoxRegionSettings)
+
+
+class BoxRegionOptimizer(Optimizer[S]):
+    """What TuRBO and SCBO share: a region, the trials since it began, and when it starts anew.
+
+    When the side falls below `LEAST_LENGTH`, earlier trials are set aside and a Sobol design of 2 d points,
+    at most as many as there were initial trials, comes first.
+    """
+
+    _region: TrustRegion
+    _since: int
+    _warm: WarmStart
+
+    def prepare(self) -> None:
+        """The first region, and no fits yet."""
+        self._begin(since=0)
+
+    def better(self, known: Trials, fresh: Trials) -> bool:
+        """Whether a round's completed trials improve on those of the region before; neither is empty."""
+        raise NotImplementedError
+
+    def finish_round(self, trials: Trials) -> None:
+        """Count a success or a failure, resize the region, and start anew when it is too small."""
+        local = self._local()
+        of_round = np.isin(local.id, trials.id)
+        known, fresh = local[~of_round], local[of_round]
+        if len(known) < self._design_size():
+            return  # a design is no search: it neither succeeds nor fails
+        success = len(fresh) > 0 and self.better(known, fresh)
+        rule = box_rule(10, failure_tolerance(self.space.dimension, len(trials)))  # tau_s of the tutorials
+        self._region = safe_update(self._region, success, rule)
+        if self._region.length < LEAST_LENGTH:
+            self._begin(since=len(self.trials))
+
+    def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Region, where its history begins, and the last fits."""
+        return {"region": asdict(self._region), "since": self._since}, self._warm.arrays()
+
+    def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        """Take back what `method_state` gave."""
+        self._region, self._since = TrustRegion(**state["region"]), state["since"]
+        self._warm = WarmStart.of(arrays)
+
+    def _begin(self, since: int) -> None:
+        self._region = TrustRegion(INITIAL_LENGTH)
+        self._since = since
+        self._warm = WarmStart()  # the fits were of trials that are set aside
+
+    def _local(self) -> Trials:
+        """Completed trials of the present region."""
+        known = self.trials[self._since :]
+        return known[known.completed]
+
+    def _design_size(self) -> int:
+        """Completed trials a region needs before it samples: initial data, or a design after a restart."""
+        if self._since == 0:
+            return 1
+        return max(1, min(2 * self.space.dimension, int(self.trials.initial.sum())))
+
+
+def box_rule(successes: int, failures: int) -> TrustRegionRule:
+    """The region's rule; no least length, since a region below the least starts anew with other data."""
+    return TrustRegionRule(
+        initial=INITIAL_LENGTH,
+        least=0.0,
+        most=MOST_LENGTH,
+        successes=successes,
+        failures=failures,
+        restart=False,
+    )
+
+
+def improves(value: float, best: float) -> bool:
+    """Whether an objective exceeds the best by enough to count as a success."""
+    return bool(value > best + IMPROVEMENT * abs(best))
 
 
 def failure_tolerance(dimension: int, batch: int) -> int:

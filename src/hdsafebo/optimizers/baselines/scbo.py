@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from hdsafebo.gp.ard import TRUST_REGION
-from hdsafebo.gp.ard_process import WarmStart
 from hdsafebo.gp.sampling import distinct_maxima
 from hdsafebo.gp.surrogate import modelled_safety, modelled_thresholds
-from hdsafebo.optimizers.base import Optimizer, Proposal
-from hdsafebo.optimizers.baselines.box_region import BoxRegionSettings, failure_tolerance
+from hdsafebo.optimizers.base import Proposal
+from hdsafebo.optimizers.baselines.box_region import BoxRegionOptimizer, BoxRegionSettings, improves
 from hdsafebo.optimizers.settings import ModelSettings
 from hdsafebo.search.candidates import box_candidates, sobol_points
-from hdsafebo.search.region import IMPROVEMENT, TrustRegion, safe_update
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
 
@@ -25,15 +19,14 @@ class ScboSettings(BoxRegionSettings, ModelSettings):
     """Settings of `scbo`: of its region, and of the surrogate that says what is believed of its trials."""
 
 
-class Scbo(Optimizer[ScboSettings]):
+class Scbo(BoxRegionOptimizer[ScboSettings]):
     """Scalable constrained Bayesian optimisation (Eriksson and Poloczek, AISTATS 2021).
 
     The centre is the best feasible point of the region's history, or the one of least total violation.
     Every trial of a batch has posterior samples of its own of the objective and of all constraints at
     perturbed Sobol candidates: it takes the best candidate that its samples call feasible, or the one of
     least sampled violation. Constraints are modelled through the bilog transform, which stretches the
-    surroundings of the threshold (section 3.2 there). When the side falls below L_min the region starts
-    anew with a Sobol design, earlier data set aside.
+    surroundings of the threshold (section 3.2 there).
 
     What a trial carries of safety comes from the common surrogate, as for all methods; SCBO itself asks
     for no confidence.
@@ -42,12 +35,6 @@ class Scbo(Optimizer[ScboSettings]):
     name = "scbo"
     uses = frozenset({"latent_space", "safety"})  # a length scale for each searched coordinate
     Settings = ScboSettings
-
-    def prepare(self) -> None:
-        """The first region, and no fits yet."""
-        self._region = TrustRegion(self.settings.initial_length)
-        self._since = 0
-        self._warm = WarmStart()
 
     def propose(self, n: int) -> Proposal:
         """n constrained Thompson samples in the box, or n points of the design that precedes them."""
@@ -68,37 +55,13 @@ class Scbo(Optimizer[ScboSettings]):
         chosen = distinct_maxima(feasible_first(scores, violation))
         return Proposal(candidates[chosen], trust_region_length=self._region.length)
 
-    def finish_round(self, trials: Trials) -> None:
-        """Count a success or a failure, resize the region, and start anew when it is too small."""
-        local = self._local()
-        fresh = np.isin(local.id, trials.id)
-        if (~fresh).sum() < self._design_size():
-            return
-        success = bool(fresh.any()) and self._improved(local[~fresh], local[fresh])
-        tolerance = failure_tolerance(self.space.dimension, len(trials))
-        self._region = safe_update(self._region, success, self.settings.rule(tolerance))
-        if self._region.length < self.settings.min_length:
-            self._region = TrustRegion(self.settings.initial_length)
-            self._since = len(self.trials)
-            self._warm = WarmStart()
-
-    def method_state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Region, where its history begins, and the last fits."""
-        return {"region": asdict(self._region), "since": self._since}, self._warm.arrays()
-
-    def restore_method_state(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-        """Take back what `method_state` gave."""
-        self._region, self._since = TrustRegion(**state["region"]), state["since"]
-        self._warm = WarmStart.of(arrays)
-
-    def _improved(self, known: Trials, fresh: Trials) -> bool:
+    def better(self, known: Trials, fresh: Trials) -> bool:
         """Whether the best of a round beats the best before: feasible before infeasible, then by value."""
         old, new = known[[self._best(known)]], fresh[[self._best(fresh)]]
         violation = float(self._violation(old)[0]), float(self._violation(new)[0])
         if violation[1] > 0:
             return violation[1] < violation[0]
-        best = float(old.objective[0])
-        return violation[0] > 0 or bool(new.objective[0] > best + IMPROVEMENT * abs(best))
+        return violation[0] > 0 or improves(float(new.objective[0]), float(old.objective[0]))
 
     def _best(self, trials: Trials) -> int:
         """Row of the best feasible trial, or of the one with the least total violation."""
@@ -112,17 +75,6 @@ class Scbo(Optimizer[ScboSettings]):
         """(n, m) modelled safety values above their thresholds."""
         thresholds = modelled_thresholds(self.problem.safety)
         return modelled_safety(self.problem.safety, trials.safety) - thresholds
-
-    def _local(self) -> Trials:
-        """Completed trials of the present region."""
-        known = self.trials[self._since :]
-        return known[known.completed]
-
-    def _design_size(self) -> int:
-        """Completed trials a region needs before it samples: initial data, or a design after a restart."""
-        if self._since == 0:
-            return 1
-        return max(1, min(2 * self.space.dimension, int(self.trials.initial.sum())))
 
 
 def bilog(margin: FloatArray) -> FloatArray:

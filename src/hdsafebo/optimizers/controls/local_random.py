@@ -3,33 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from pydantic import Field, model_validator
 
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.settings import CentreSettings
 
-
-class LocalRandomSettings(CentreSettings):
-    """Settings of `local_random`.
-
-    Attributes:
-        smallest_step: smallest standard deviation of a step, per dimension, in widths of the box.
-        largest_step: largest one.
-    """
-
-    smallest_step: float = Field(default=0.003, gt=0)
-    largest_step: float = Field(default=0.3, gt=0)
-
-    @model_validator(mode="after")
-    def _ordered(self) -> LocalRandomSettings:
-        if self.smallest_step > self.largest_step:
-            raise ValueError(
-                f"smallest_step ({self.smallest_step}) exceeds largest_step ({self.largest_step})"
-            )
-        return self
+_STEPS = (0.003, 0.3)
+"""Smallest and largest standard deviation of a step, per dimension, in widths of the box: two
+decades, so that no problem needs a step size of its own."""
 
 
-class LocalRandom(Optimizer[LocalRandomSettings]):
+class LocalRandom(Optimizer[CentreSettings]):
     """x* + s * normal, x* the best safe point known, s drawn log-uniformly for every trial.
 
     The range of s spares the control a step size tuned to the problem; whatever scale suits it, a
@@ -37,13 +20,13 @@ class LocalRandom(Optimizer[LocalRandomSettings]):
     """
 
     name = "local_random"
-    Settings = LocalRandomSettings
+    Settings = CentreSettings
     uses = frozenset({"latent_space", "safety"})  # of the safety functions, which trials were safe
 
     def propose(self, n: int) -> Proposal:
         """n steps, cut at the box."""
         centre = self.space.to_unit(self.trials.z[[self.centre_row()]])
-        low, high = np.log([self.settings.smallest_step, self.settings.largest_step])
+        low, high = np.log(_STEPS)
         steps = np.exp(self.rng.uniform(low, high, (n, 1)))
         points = centre + steps * self.rng.standard_normal((n, self.space.dimension))
         return Proposal(points=np.clip(points, 0.0, 1.0))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hdsafebo.gp.fit import LengthScaleLimits, NoisePrior
+from hdsafebo.gp.fit import NoisePrior
 from hdsafebo.gp.surrogate import (
     Beliefs,
     DistanceCache,
@@ -24,7 +24,6 @@ from hdsafebo.gp.surrogate import (
     with_completion,
 )
 from hdsafebo.gp.warped_surrogate import WarpedState
-from hdsafebo.optimizers.settings import ModelSettings
 from hdsafebo.problem import Problem
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
@@ -112,7 +111,6 @@ def fit_trials(
     *,
     inputs_of: Callable[[IntArray], FloatArray],
     objective: FloatArray,
-    settings: ModelSettings,
     noise: NoisePrior,
     refine: bool,
     start: State | None,
@@ -126,7 +124,6 @@ def fit_trials(
         rows: (k,) the completed ones to fit.
         inputs_of: gives the (k, p) kernel inputs of rows: what the kernel measures distances between.
         objective: (k,) what the objective's process is fitted to.
-        settings: limits of the length scales.
         noise: prior of the noise.
         refine: False keeps the hyper-parameters of `start`.
         start: of the last fit.
@@ -140,7 +137,6 @@ def fit_trials(
         modelled_thresholds(problem.safety),
         start=start,
         cache=cache,
-        limits=LengthScaleLimits(settings.shortest_length_scale, settings.longest_length_scale),
         noise=noise,
         refine=refine,
         known_noise=known_noise(

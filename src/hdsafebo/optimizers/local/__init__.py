@@ -8,7 +8,7 @@
 | codes of an embedding, or through features | ascents of an isotropic model | `ascents` |
 | the same, where features hide directions | ascents and random steps | `hidden` |
 
-More inputs and `isotropic: true` are left to `ascents`; where failures teach, all is from the first failure
+More inputs are left to `ascents`; where failures teach, all is from the first failure
 on, since warped models have no place for one. `optimizer` makes the search and asks it; `base` says what
 every search provides. Single trials of `ascents` and `hidden` climb one top after another (`restarts`). The
 parts of `constrained` are `constrained_batch`, `constrained_ascent` and `expectations`; those of the others

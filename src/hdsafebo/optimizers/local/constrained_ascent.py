@@ -22,8 +22,8 @@ _ITERATIONS = 10
 """Of SLSQP: the models are wrong by more than further ones would gain, and the next round goes on."""
 _TOLERANCE = 1e-6
 """Of the height, in standard deviations of the outcomes."""
-_INSIDE = 1e-6
-"""Margin that is aimed at, so that rounding does not end outside."""
+_INSIDE = 1e-5
+"""Margin that is aimed at, so that rounding, of the bounds and of the inputs, does not end outside."""
 _BACK = 0.7
 _SHORTEST = 1e-3
 """The line back is searched at shares of its length that shrink by `_BACK` down to this one."""

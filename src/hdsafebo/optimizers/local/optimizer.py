@@ -88,7 +88,7 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
     def _searches_inputs(self) -> bool:
         """Whether a length scale per input makes sense: inputs are the problem's own, and not too many."""
         own = self.embedding is None and self.problem.features is None
-        return own and not self.settings.isotropic and self.space.dimension <= _MOST_INPUTS
+        return own and self.space.dimension <= _MOST_INPUTS
 
     def propose(self, n: int) -> Proposal:
         """What the search proposes; a single trial may begin the next climb instead."""

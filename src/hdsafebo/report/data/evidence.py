@@ -23,7 +23,7 @@ from hdsafebo.files.atomic import replacing, write_json
 from hdsafebo.files.parquet import read_parquet
 from hdsafebo.params import load_params
 from hdsafebo.pipeline.provenance import digest_file, git_state
-from hdsafebo.report.data import hand_inputs, inputs
+from hdsafebo.report.data import body_inputs, hand_inputs, inputs
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.runs.read import read_run
 from hdsafebo.runs.schema import COLUMNS, run_name
@@ -42,13 +42,15 @@ FILES = (
     inputs.TRAVERSAL,
     hand_inputs.DIFFICULTY,
     f"{hand_inputs.POLICIES}/policies.json",
+    f"{body_inputs.POLICIES}/policies.json",
+    f"{body_inputs.POLICIES}/{body_inputs.FILM}",
 )
-PICTURES = (inputs.HAND_FRAMES, inputs.SPINAL_FRAMES, hand_inputs.POLICIES)
+PICTURES = (inputs.HAND_FRAMES, inputs.SPINAL_FRAMES, hand_inputs.POLICIES, body_inputs.POLICIES)
 LIBRARIES = ("numpy", "scipy", "torch", "gpytorch", "botorch", "scikit-learn", "mujoco", "cma")
 _EXACT_BITS = 13
 """Of a number's 24 significant bits; four decimal digits."""
 _UNUSED = ("candidate",)
-_HAND_COLUMNS = ("safety_no_drop", "safety_upright")
+_FURTHER_COLUMNS = ("safety_no_drop", "safety_upright", "safety_joint_load")
 
 
 def keep_evidence(root: Path, folder: Path) -> None:
@@ -107,7 +109,7 @@ def compact(source: Path, target: Path) -> None:
 
     What was safe is kept as it was decided; violations are rounded with the values that they are of.
     """
-    extra = [name for name in _HAND_COLUMNS if name in pq.read_schema(source).names]
+    extra = [name for name in _FURTHER_COLUMNS if name in pq.read_schema(source).names]
     table = read_parquet(source, str(source), DatasetError, [*COLUMNS, *extra])
     columns: dict[str, pa.Array] = {}
     for name in table.column_names:

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.files.parquet import read_parquet
+from hdsafebo.report.data.body_inputs import BodyInputs, read_body
 from hdsafebo.report.data.hand_inputs import HandInputs, read_hand
 
 M = TypeVar("M", bound=BaseModel)
@@ -120,6 +121,14 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class Film:
+    """A video (MP4) of another stage, shown as it is."""
+
+    title: str
+    data: bytes
+
+
+@dataclass(frozen=True)
 class Inputs:
     """Everything besides run files; what was not made is None or empty."""
 
@@ -130,6 +139,7 @@ class Inputs:
     stimulation: Stimulation | None
     traversal: Traversal | None
     hand: HandInputs
+    body: BodyInputs
     hand_frames: list[Frame]
     spinal_frames: list[Frame]
 
@@ -205,6 +215,7 @@ def read_inputs(root: Path, runs: Path) -> Inputs:
         stimulation=read_stimulation(root),
         traversal=read_traversal(root),
         hand=read_hand(root, runs),
+        body=read_body(root),
         hand_frames=read_frames(root / HAND_FRAMES),
         spinal_frames=read_frames(root / SPINAL_FRAMES),
     )

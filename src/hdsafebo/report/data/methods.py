@@ -39,6 +39,7 @@ FAMILIES = {
     "free": "no model",
     "embedding": "no constraint",
     "original": "original space (O)",
+    "reduced": "fewer parameters of the body",
     "ablation": "ablations",
     "other": "other methods",
 }
@@ -84,6 +85,13 @@ _IN_ORIGINAL_SPACE = {
     "cmaes_original": ("cmaes", SKY, "X", "dashdot"),
     "cmaes_tuned_original": ("cmaes_tuned", SKY, "h", "dotted"),
     "sobol_original": ("sobol", GREEN, "p", "dotted"),
+}
+# Methods that search a body through synergies, or the gains of its reflex.
+_METHODS |= {
+    "scbo_torques": MethodStyle("SCBO, joint torques", "reduced", GREEN, "D", "dashdot"),
+    "hdsafebo_local_gains": MethodStyle("HdSafeBO-local, reflex gains", "reduced", ORANGE, "P", "dotted"),
+    "cmaes_gains": MethodStyle("CMA-ES, reflex gains", "reduced", BLUE, "^", "dashed"),
+    "reflex": MethodStyle("Best initial reflex", "reduced", BLACK, "*", "dotted"),
 }
 _METHODS |= {
     name: replace(
@@ -169,5 +177,6 @@ def task_label(task: str) -> str:
     return {
         "synthetic": "Synthetic functions",
         "hand": "Musculoskeletal hand",
+        "body": "Whole body after a push",
         "digits": "Digits (mean of all)",
     }.get(task, task)

@@ -13,7 +13,7 @@ from hdsafebo.runs.schema import run_name
 def planned_runs(params: Params) -> list[tuple[str, str]]:
     """Every task and method that the parameters run."""
     tasks = params.tasks
-    methods = {"synthetic": tasks.synthetic.methods}
+    methods = {"synthetic": tasks.synthetic.methods, "body": tasks.body.methods}
     methods |= {n: family.methods for family in (tasks.hand, tasks.scs, tasks.digits) for n in family.tasks}
     return [(task, method) for task, names in methods.items() for method in names]
 

@@ -20,7 +20,7 @@ from hdsafebo.runs.series import Series, per_round, pool
 DIGITS = "digits"
 POOLS = (DIGITS, DIGITS + INFORMED)
 """Tasks of this table alone: all digits of a setting, a digit being a unit."""
-PAPER_ORDER = ("synthetic", "hand", "scs_st", "scs_ga")
+PAPER_ORDER = ("synthetic", "hand", "body", "scs_st", "scs_ga")
 
 
 @dataclass(frozen=True)
