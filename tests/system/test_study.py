@@ -253,7 +253,7 @@ def test_from_unsafe_starts_nothing_is_suggested_and_the_message_says_what_to_do
 def test_where_nothing_new_is_believed_safe_the_safest_known_trial_is_named() -> None:
     study = Study(box_system(limits=[Limit("load", at_most=12, noise=3.0)]), alpha=0.99)
     study.observe([{"a": 3.0 + 0.1 * i, "b": 3.0, "gain": 0.0, "load": 11.0 - 0.1 * i} for i in range(6)])
-    with pytest.raises(NoSafePointError, match="believed safe.*trial . is the safest.*to observe") as raised:
+    with pytest.raises(NoSafePointError, match=r"believed safe.*trial . is the safest.*to observe") as raised:
         study.ask()
     safest = study.safest()
     assert safest is not None
