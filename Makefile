@@ -27,7 +27,7 @@ $(STAMP):
 	$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
 
-.PHONY: env repro test test-slow test-fast lint mlflow reference lock docs clean help
+.PHONY: env repro test test-slow test-fast lint mlflow reference lock docs tutorials clean help
 
 env: $(STAMP)  ## build the virtual environment .venv
 
@@ -63,8 +63,12 @@ lock: $(STAMP)  ## pin all packages with their hashes, from pyproject.toml; UPGR
 	$(PIP) uv
 	$(BIN)/python tools/lock.py $(UPGRADE)
 
-docs: $(STAMP)  ## build the documentation into site/, warnings are errors
+docs: $(STAMP)  ## write the pages that come from the code and build the documentation into site/, warnings are errors
+	$(BIN)/python -m tools.docs
 	$(BIN)/zensical build --strict --config-file mkdocs.yml
+
+tutorials: $(STAMP)  ## run the tutorials and write their pages and pictures
+	$(BIN)/python -m tools.docs --tutorials
 
 clean:  ## remove the environment, caches and what the pipeline made; sessions and the journal of runs stay
 	rm -rf $(VENV) build dist site $(wildcard .*_cache) .hypothesis src/*.egg-info

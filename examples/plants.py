@@ -95,3 +95,20 @@ def crane_starts(
     careful = [i for i, t in enumerate(true) if t["sway"] <= 18 and t["margin"] >= 5]
     chosen = rng.choice(careful, n, replace=False)
     return [rows[i] | {"payload": payload} | crane(rows[i], payload, rng) for i in chosen]
+
+
+def grasp_truth(s: Mapping[str, float]) -> dict[str, float]:
+    """Speed in 1/s, economy in 1/J, contact force in N and clearance in mm of a compliant gripper."""
+    stiffness, damping = s["stiffness"], s["damping"]
+    return {
+        "speed": 2.0 + 1.2 * stiffness - 0.3 * stiffness**2 - 2.0 * (damping - 0.35) ** 2,
+        "economy": 1.0 / (1.0 + stiffness + damping),
+        "force": 4.0 + 5.5 * stiffness - 1.5 * damping,
+        "clearance": 5.0 - 1.2 * stiffness - 4.0 * (damping - 0.4) ** 2,
+    }
+
+
+def grasp(s: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+    """One grasp, with sensor noise."""
+    noise = {"speed": 0.02, "economy": 0.005, "force": 0.05, "clearance": 0.03}
+    return {name: v + noise[name] * rng.standard_normal() for name, v in grasp_truth(s).items()}

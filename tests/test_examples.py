@@ -78,6 +78,30 @@ def test_crane_with_a_payload_per_day(project_root: Path, monkeypatch: pytest.Mo
     assert chosen["safe"].mean() >= 0.9
 
 
+def test_a_session_of_three_robots(
+    project_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    example = load_named(project_root, "session_robots", monkeypatch)
+    session = example.main(tmp_path, rounds=6)
+    later = [t for t in session.state.trials if t.origin == "suggested"]
+    assert len(later) == 18
+    assert [t.number for t in session.state.trials] == list(range(1, 27))
+    safe = [session.space.safe(t.safety) for t in later]
+    assert sum(safe) >= 16
+    first = max(t.outcomes["speed"] for t in session.state.trials if t.origin == "initial")
+    assert session.best().outcomes["speed"] > first + 0.3
+
+
+def test_a_session_of_stored_settings(project_root: Path, tmp_path: Path) -> None:
+    from hdsafebo import create_session
+
+    files = project_root / "examples" / "session_list"
+    session = create_session(tmp_path / "s", files / "session.yaml", who="ann", initial=files / "initial.csv")
+    suggestion = session.suggest("ann")
+    assert tuple(suggestion.point["values"]) in session.space.rows
+    assert abs(suggestion.point["values"][0] - 0.4) <= 0.5, "the largest step from home"
+
+
 def test_the_examples_of_own_systems_are_short(project_root: Path) -> None:
     for name in ("arm_gains", "gripper_mixed", "crane_payload"):
         lines = (project_root / "examples" / f"{name}.py").read_text(encoding="utf-8").splitlines()

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 
 from hdsafebo.environments import register_with_gymnasium
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from hdsafebo import plots

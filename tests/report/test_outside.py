@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.report.data.outside import OUTSIDE
 from hdsafebo.report.sections.base import Text
-from hdsafebo.report.sections.outside import TABLE, outside_section
+from hdsafebo.report.sections.outside import outside_section
 from hdsafebo.report.tables.results import Table
 
 ROW = {
@@ -27,7 +28,7 @@ ROW = {
 
 
 def write(root: Path, content: str) -> None:
-    path = root / TABLE
+    path = root / OUTSIDE
     path.parent.mkdir(parents=True)
     path.write_text(content)
 

@@ -20,8 +20,10 @@ from hdsafebo.report.build import build_report
 from hdsafebo.report.data.evidence import rounded
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.report.data.results import Settings
-from hdsafebo.report.readme import BEGIN, END, results_markdown, update_readme
+from hdsafebo.report.headline import _claims
+from hdsafebo.report.marked import write_marked
 from hdsafebo.report.reference import COSTS, keep_reference, report_from
+from hdsafebo.report.results_page import NO_RUN, claims_markdown, runs_markdown
 from hdsafebo.runs.read import read_run
 from report.full_size import write_inputs
 from report.run_files import random_runs
@@ -164,28 +166,38 @@ def test_the_document_of_departures_is_the_list(
     assert (project_root / "docs/departures.md").read_text(encoding="utf-8") == capsys.readouterr().out
 
 
-def test_the_readme_is_written_from_the_evidence(project: Path) -> None:
-    readme = project / "README.md"
-    readme.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
-    update_readme(readme, reference(project))
-    text = readme.read_text()
-    assert text.startswith(f"before\n{BEGIN}\nProfile `smoke`")
-    assert text.endswith(f"{END}\nafter\n")
+def test_the_documentation_is_written_from_the_evidence(project: Path) -> None:
+    page = project / "docs/reproduction/results.md"
+    page.parent.mkdir(parents=True)
+    page.write_text("before\n<!-- runs: written -->\nold\n<!-- end of runs -->\nafter\n")
+    write_marked(page, "runs", runs_markdown(reference(project)))
+    text = page.read_text()
+    assert text.startswith("before\n<!-- runs: written -->\nProfile `smoke`")
+    assert text.endswith("<!-- end of runs -->\nafter\n")
     assert "old" not in text
     summary = json.loads((reference(project) / "summary.json").read_text())
     mean = summary["synthetic"]["sobol"]["violation"]["mean"]
     (row,) = re.findall(r"\| Sobol search \(`sobol`\) \|([^\n]*)\| 2 \|", text[: text.index("**Musc")])
     assert float(row.split("|")[2].split("±")[0]) == pytest.approx(mean, rel=0.1)
-    readme.write_text("no marks")
-    with pytest.raises(DatasetError, match="expected the mark"):
-        update_readme(readme, reference(project))
 
 
-def test_the_readme_has_the_numbers_of_the_committed_evidence(project_root: Path) -> None:
-    text = (project_root / "README.md").read_text(encoding="utf-8")
-    written = text[text.index(BEGIN) + len(BEGIN) + 1 : text.index(END)]
-    if (project_root / "reports/reference/runs").is_dir():
-        assert written == results_markdown(project_root / "reports/reference")
-    else:
-        assert "of an earlier comparison" in written
-        assert not re.search(r"\d ± \d", written)
+def test_keeping_a_reference_writes_what_is_published(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[Path] = []
+    for name in ("keep_evidence", "report_from"):
+        monkeypatch.setattr(f"hdsafebo.report.reference.{name}", lambda source, target: None)
+    monkeypatch.setattr("hdsafebo.report.reference.publish", written.append)
+    keep_reference(project)
+    assert written == [project]
+
+
+def test_claims_are_listed_with_their_verdicts(project: Path) -> None:
+    text = claims_markdown(reference(project))
+    assert text.startswith("### Of this project's own method")
+    counted = _claims(reference(project))[1]
+    total = sum(int(n) for n in re.findall(r": (\d+)", counted))
+    assert text[text.index("### Of the paper") :].count("\n- ") == total > 5
+
+
+def test_without_runs_the_pages_say_so(tmp_path: Path) -> None:
+    assert runs_markdown(tmp_path) == claims_markdown(tmp_path) == NO_RUN
+    assert _claims(tmp_path)[1].startswith("not graded yet")

@@ -37,7 +37,7 @@ def directory(tmp_path: Path, run: Run) -> Path:
     """A new box session."""
     definition, initial = write_box_files(tmp_path / "files")
     text = run("new", tmp_path / "s", definition, "--initial", initial, "--who", "ann")
-    assert "not a medical device" in text
+    assert "not a safety system" in text
     assert "8 initial trials" in text
     return tmp_path / "s"
 
@@ -82,7 +82,7 @@ def test_from_new_to_report(directory: Path, run: Run, tmp_path: Path) -> None:
     assert head in run("verify", tmp_path / "out" / "audit.log", "--head", head)
     run("report", directory, tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
-    for word in ("not a medical device", head, "coffee", "odd", "softer", "lunch", "Calibration", "<svg"):
+    for word in ("not a safety system", head, "coffee", "odd", "softer", "lunch", "Calibration", "<svg"):
         assert word in text
     assert "http://" not in text.replace("http://www.w3.org", "")
 

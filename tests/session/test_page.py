@@ -94,13 +94,13 @@ def test_steps_over_the_page_are_steps_of_the_session(bench: Served) -> None:
     assert bench.step("suggest") == (200, {})
     suggestion = bench.status()["suggestion"]
     assert bench.step("approve", suggestion=suggestion["number"]) == (200, {})
-    running = bench.status()["running"]
+    running = bench.status()["running"][0]
     values = bowl(running["point"]["values"])
     assert bench.step("record", trial=running["number"], values=values) == (200, {})
     status = bench.status()
-    assert status["running"] is None
+    assert status["running"] == []
     assert status["history"][0]["outcomes"]["speed"] == pytest.approx(values["speed"])
-    assert "not a medical device" in status["disclaimer"]
+    assert "not a safety system" in status["disclaimer"]
     for picture in ("course", "calibration"):
         code, text = bench.get(f"/api/{picture}.svg")
         assert code == 200
@@ -180,7 +180,7 @@ def test_a_stop_waits_for_nobody(bench: Served) -> None:
     assert len(answers) == 45
     assert set(answers) <= {200, 409, 422}
     status = bench.status()
-    assert (status["stopped"], status["running"], status["suggestion"]) == ("it hurts", None, None)
+    assert (status["stopped"], status["running"], status["suggestion"]) == ("it hurts", [], None)
     kinds = [e.kind for e in Session.open(directory).entries]
     assert "stopped" in kinds
     assert not {"manual", "suggested"} & set(kinds)

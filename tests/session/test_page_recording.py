@@ -88,4 +88,4 @@ def test_a_recording_that_was_cut_on_the_way_is_not_recorded(clinic: tuple[Sessi
     code, result = served.post("record", json.dumps(step).encode() + b"\n" + b"x\n" * 50)
     assert code == 422
     assert "trial133.csv, line 1: header is 'x'" in result["error"]
-    assert served.status()["running"]["number"] == 133
+    assert served.status()["running"][0]["number"] == 133

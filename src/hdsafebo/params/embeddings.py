@@ -31,7 +31,14 @@ class Embeddings(Block):
 
 
 class IsometryFloors(Block):
-    """Least values of an embedding's measures (`embeddings/isometry.py`); null demands nothing."""
+    """Least values of an embedding's measures (`embeddings/isometry.py`); null demands nothing.
+
+    Attributes:
+        distance_correlation: correlation of distances before and after.
+        round_trip: share of seen rows that are nearest to their own decoded code.
+        round_trip_held_out: the same for configurations held out of training.
+        round_trip_held_out_currents: the same for currents between those of the dataset.
+    """
 
     distance_correlation: Share | None = None
     round_trip: Share | None = None

@@ -27,7 +27,11 @@ class Compute(Block):
 
 
 class Tracking(Block):
-    """The MLflow mirror of the results."""
+    """The MLflow mirror of the results.
+
+    Attributes:
+        enabled: false logs nothing and imports nothing of MLflow.
+    """
 
     enabled: bool = True
 
@@ -49,7 +53,12 @@ class Report(Block):
 
 
 class Params(Block):
-    """The whole of `params.yaml`."""
+    """The whole of `params.yaml`.
+
+    Attributes:
+        profile: name of the size, for reports and costs; `hdsafebo profile` writes it.
+        methods: what runs under each name; the other keys of a block are settings of its algorithm.
+    """
 
     profile: str
     spinal: Spinal = Spinal()

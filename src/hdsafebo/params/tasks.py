@@ -59,7 +59,17 @@ class Family(Block):
 
 
 class SyntheticProblem(Block):
-    """Objective and safety drawn from Gaussian processes (paper, section 5.1 and appendix)."""
+    """Objective and safety drawn from Gaussian processes (paper, section 5.1 and appendix).
+
+    Attributes:
+        dimension: of the inputs.
+        latent_dimension: of the codes, a random linear projection of the inputs.
+        effective_dimension: codes that the functions depend on.
+        length_scale: of both processes, in units of the codes.
+        threshold: least safe value.
+        noise_variance: of each observation.
+        with_replacement: draw the effective codes with replacement, as the authors' program does.
+    """
 
     dimension: Count = 1000
     latent_dimension: Count = 50
@@ -80,7 +90,11 @@ class SyntheticProblem(Block):
 
 
 class SyntheticTask(Family):
-    """The synthetic task and the methods that run on it."""
+    """The synthetic task and the methods that run on it.
+
+    Attributes:
+        problem: what is optimised.
+    """
 
     problem: SyntheticProblem = SyntheticProblem()
 
@@ -115,7 +129,13 @@ class HandInformed(Block):
 
 
 class HandTask(Family):
-    """The hand in the paper's setting and in the informed one, and the methods that run in both."""
+    """The hand in the paper's setting and in the informed one, and the methods that run in both.
+
+    Attributes:
+        problem: what the methods see.
+        informed: what differs in the informed setting.
+        tasks: which of the two settings run.
+    """
 
     problem: HandProblem = HandProblem()
     informed: HandInformed = HandInformed()
@@ -185,7 +205,13 @@ class ScsInformed(Block):
 
 
 class ScsTask(Family):
-    """The stimulation tasks, one per target muscle and setting (`scs_st`, `scs_st_informed`, ...)."""
+    """The stimulation tasks, one per target muscle and setting (`scs_st`, `scs_st_informed`, ...).
+
+    Attributes:
+        problem: what the methods see.
+        informed: what differs in the informed setting.
+        tasks: which run: `scs_` and il, vlrf, ta, bfgm, st or ga, with or without `_informed`.
+    """
 
     problem: ScsProblem = ScsProblem()
     informed: ScsInformed = ScsInformed()
@@ -206,7 +232,12 @@ class DigitsProblem(Block):
 
 
 class DigitsTask(Family):
-    """The tasks `digits_0` ... `digits_9` in both settings (`digits_0_informed`), and their methods."""
+    """The tasks `digits_0` ... `digits_9` in both settings (`digits_0_informed`), and their methods.
+
+    Attributes:
+        problem: what makes an image valid.
+        tasks: which run, such as `digits_3` or `digits_3_informed`.
+    """
 
     problem: DigitsProblem = DigitsProblem()
     tasks: list[Annotated[str, Field(pattern=r"^digits_[0-9](_informed)?$")]]

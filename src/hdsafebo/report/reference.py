@@ -1,5 +1,4 @@
-"""The committed evidence in `reports/reference`: kept from a finished pipeline, and built into a report "
-"again."""
+"""Committed evidence in `reports/reference`: kept from a finished pipeline, and made a report again."""
 
 from __future__ import annotations
 
@@ -15,15 +14,14 @@ from hdsafebo.report.build import build_report
 from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS, keep_evidence, read_provenance
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.report.data.results import Settings
-from hdsafebo.report.readme import update_readme
+from hdsafebo.report.published import publish
 
 COSTS = ".journal/stage_costs.jsonl"
-README = "README.md"
 REBUILT = ("tables", "curves", "figures")
 
 
 def keep_reference(root: Path) -> Path:
-    """Keep the evidence of the project's runs, and write its report and the results in README.md from it.
+    """Keep the evidence of the project's runs; write its report, and the results in README.md and docs/.
 
     The costs of the stages are kept beside it.
 
@@ -41,8 +39,7 @@ def keep_reference(root: Path) -> Path:
     for name in REBUILT:
         shutil.rmtree(folder / name, ignore_errors=True)
     report_from(folder, folder)
-    if (root / README).is_file():
-        update_readme(root / README, folder)
+    publish(root)
     costs = stage_costs(root / COSTS, load_params(folder / PARAMS).profile)
     write_json(folder / "stage_costs.json", costs, DatasetError)
     return folder

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _POINT_HELP = "'4- 12+ 13+ at 2.5 mA' (stimulation; either half may be left out), or NAME=VALUE ... (else)"
 _DESCRIPTION = (
-    "Trials with a person in the loop. Research software, not a medical device: "
+    "Trials with a person in the loop. Research software, no medical device and no safety system: "
     "a qualified person decides about every trial."
 )
 
@@ -136,7 +136,7 @@ def _new(arguments: argparse.Namespace) -> None:
         initial=arguments.initial,
         embedding=arguments.embedding,
     )
-    print(_DESCRIPTION)
+    print(session.disclaimer)
     print(f"{arguments.session}: session {session.state.session}, {len(session.state.trials)} initial trials")
 
 
@@ -288,9 +288,9 @@ def _status(arguments: argparse.Namespace) -> None:
         print(f"  best safe: trial {best['number']}, {best['text']}, {best['outcomes'][data['target']]:.3f}")
     if data["stopped"] is not None:
         print(f"  STOPPED: {data['stopped']}")
-    if data["running"] is not None:
-        print(f"  trial {data['running']['number']} waits for its record: {data['running']['text']}")
-    elif data["suggestion"] is not None:
+    for trial in data["running"]:
+        print(f"  trial {trial['number']} waits for its record: {trial['text']}")
+    if data["suggestion"] is not None:
         print(
             f"  suggestion {data['suggestion']['number']} waits for a decision: {data['suggestion']['text']}"
         )

@@ -133,28 +133,62 @@ class Input(Block):
     Attributes:
         name: column name.
         lower, upper: hard limits.
-        max_step: largest change from the value that was set last.
-        home: value at a start and after a pause.
+        max_step: largest change from the value that was set last; None where nothing moves in steps.
+        home: value at a start and after a pause, from which the first step is limited; None without steps.
     """
 
     name: Name
     lower: Finite
     upper: Finite
-    max_step: Positive
-    home: Finite
+    max_step: Positive | None = None
+    home: Finite | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> Input:
-        if not self.lower <= self.home <= self.upper:
+        if self.lower > self.upper:
+            raise ValueError(f"expected lower <= upper, got {self.lower}, {self.upper}")
+        if (self.max_step is None) != (self.home is None):
+            raise ValueError(
+                f"max_step is {self.max_step} and home is {self.home}; expected both, or neither where "
+                "nothing moves in steps"
+            )
+        if self.home is not None and not self.lower <= self.home <= self.upper:
             raise ValueError(f"expected lower <= home <= upper, got {self.lower}, {self.home}, {self.upper}")
         return self
 
 
 class SafetyRule(Block):
-    """A measured quantity that must be at least `threshold`."""
+    """A measured quantity with a limit on one side.
+
+    Attributes:
+        name: of the quantity.
+        at_least, at_most: the limit; one of them.
+        threshold: an older name of `at_least`.
+    """
 
     name: Name
-    threshold: Finite
+    threshold: Finite | None = None
+    at_least: Finite | None = None
+    at_most: Finite | None = None
+
+    @model_validator(mode="after")
+    def _one_side(self) -> SafetyRule:
+        given = [k for k in ("threshold", "at_least", "at_most") if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"{self.name}: limits given: {', '.join(given) or 'none'}; expected at_least or at_most"
+            )
+        return self
+
+    @property
+    def sign(self) -> float:
+        """1 where larger values are safer, -1 where smaller ones are."""
+        return 1.0 if self.at_most is None else -1.0
+
+    @property
+    def limit(self) -> float:
+        """In the quantity's own sign."""
+        return next(v for v in (self.threshold, self.at_least, self.at_most) if v is not None)
 
 
 class _Generic(_Common):
@@ -163,12 +197,14 @@ class _Generic(_Common):
     Attributes:
         inputs: the inputs and their limits.
         outcomes: measured quantities that can be optimised (larger is better).
-        safety: measured quantities that must stay above thresholds.
+        safety: measured quantities that must keep limits.
+        at_once: so many trials may run at the same time, such as one per robot.
     """
 
     inputs: Annotated[list[Input], Field(min_length=1)]
     outcomes: Annotated[list[Name], Field(min_length=1)]
     safety: Annotated[list[SafetyRule], Field(min_length=1)]
+    at_once: Annotated[Count, Field(le=100)] = 1
 
     @model_validator(mode="after")
     def _names(self) -> _Generic:
@@ -178,6 +214,12 @@ class _Generic(_Common):
             raise ValueError(f"inputs, outcomes and safety share the names {', '.join(twice)}")
         if self.target not in self.outcomes:
             raise ValueError(f"target {self.target!r} is none of the outcomes ({', '.join(self.outcomes)})")
+        stepping = [i.name for i in self.inputs if i.max_step is not None]
+        if self.at_once > 1 and stepping:
+            raise ValueError(
+                f"at_once is {self.at_once}, and {', '.join(stepping)} may only move in steps from the one "
+                "trial before; expected at_once: 1, or no max_step and home"
+            )
         return self
 
 

@@ -6,6 +6,7 @@ verified: a log whose chain is right need not be of steps that were permitted.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from hdsafebo.session.definition import parse_definition
@@ -218,11 +219,14 @@ def open_suggestion(state: State, number: int) -> Suggestion:
 def recordable(state: State, number: int | None) -> Trial:
     """The trial of a number, or the running one; ProtocolError when there is none of this session."""
     if number is None:
-        if state.running is None:
+        waiting = state.running_trials
+        if not waiting:
             raise ProtocolError(
                 "no trial waits for a record: approve a suggestion or start a manual trial first"
             )
-        return state.running
+        if len(waiting) > 1:
+            raise ProtocolError(f"trials {_numbers(waiting)} wait for their records: say which one")
+        return waiting[0]
     first = state.initial + 1
     if not first <= number <= len(state.trials):
         raise ProtocolError(
@@ -232,9 +236,10 @@ def recordable(state: State, number: int | None) -> Trial:
 
 
 def require_idle(state: State, what: str) -> None:
-    """ProtocolError while the session is stopped or a trial waits for its record."""
+    """ProtocolError while the session is stopped, or as many trials run as may at the same time."""
     require_not_stopped(state, what)
-    require_recorded(state, what)
+    if len(state.running_trials) >= state.at_once:
+        require_recorded(state, what)
 
 
 def require_not_stopped(state: State, what: str) -> None:
@@ -245,8 +250,15 @@ def require_not_stopped(state: State, what: str) -> None:
 
 def require_recorded(state: State, what: str) -> None:
     """ProtocolError while a trial waits for its record."""
-    if state.running is not None:
-        raise ProtocolError(f"cannot {what}: trial {state.running.number} waits for its record")
+    waiting = state.running_trials
+    if len(waiting) == 1:
+        raise ProtocolError(f"cannot {what}: trial {waiting[0].number} waits for its record")
+    if waiting:
+        raise ProtocolError(f"cannot {what}: trials {_numbers(waiting)} wait for their records")
+
+
+def _numbers(trials: Sequence[Trial]) -> str:
+    return ", ".join(str(t.number) for t in trials)
 
 
 def _results(row: Payload) -> Payload:

@@ -34,6 +34,7 @@ from hdsafebo.session.tightening import Change, require_same_limits, require_tig
 from hdsafebo.session.words import checked_name, checked_text
 
 DISCLAIMER = "Research software, not a medical device: a qualified person decides about every trial."
+_DISCLAIMER_GENERIC = "Research software, not a safety system: a qualified person decides about every trial."
 _ATTEMPTS = 3
 _DELIVERING = ("approved", "modified", "manual")
 
@@ -254,6 +255,11 @@ class Session:
         return self._waiting[-1].reason if self._waiting else self.state.stopped
 
     @property
+    def disclaimer(self) -> str:
+        """What everybody who looks at the session is told first."""
+        return DISCLAIMER if self.definition.kind == "stimulation" else _DISCLAIMER_GENERIC
+
+    @property
     def entries(self) -> Sequence[Entry]:
         """The log as far as it was read."""
         return self._entries
@@ -372,9 +378,8 @@ class Session:
         return self.state.trials[trial.number - 1]
 
     def _running(self) -> Trial:
-        trial = self.state.running
-        assert trial is not None
-        return trial
+        """The trial that was just started."""
+        return self.state.trials[-1]
 
 
 def _same_result(trial: Trial, payload: dict[str, Any]) -> bool:

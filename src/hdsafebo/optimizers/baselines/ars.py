@@ -38,7 +38,7 @@ class ArsSettings(CentreSettings):
 
 
 class Ars(Optimizer[ArsSettings]):
-    """See the module. Half a batch are directions, the other half their opposites.
+    """Half a batch are directions, the other half their opposites.
 
     The search starts from the best safe trial. The last direction of an odd batch has no opposite and decides
     nothing, so asked for single trials the search stays where it is. A direction of which a side failed is

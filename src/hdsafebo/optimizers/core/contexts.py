@@ -14,12 +14,13 @@ from hdsafebo.problem import Codec, ContextualSet, Problem
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray
 
-_REACHED = 10
+_REACHED = 15
 """Trials at least as far out after which a context counts as known."""
-_NOVEL = 4.0
+_NOVEL = 6.0
 """By how much beta is lower under contexts that no trial has reached. What a context does is not known before
 two of them were tried: the model takes it for as little as the settings do, and was wrong by four to six of
-its own standard deviations on the list of `benchmarks/own_system.py`."""
+its own standard deviations on the list of `benchmarks/own_system.py`. Chosen there on seeds 0 to 7: with 4
+and ten trials 5 of 236 trials on days heavier than any before were unsafe, with 6 and fifteen 0 of 234."""
 
 
 def novel_beta(beta: float, trials: Trials, columns: Sequence[int], context: FloatArray) -> float:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.data.methods import style
+from hdsafebo.report.data.outside import OUTSIDE, Outside, read_outside
 from hdsafebo.report.formatting import number
 from hdsafebo.report.sections.base import Section, Text, not_run
 from hdsafebo.report.tables.results import Cell, Table
 
-TABLE = "reports/reference/benchmarks/outside/table.json"
 _SHARES = {"safe": "safe", "near": "near-duplicates", "marked": "marked", "predicted": "predicted safe"}
 _INTRO = (
     "Constrained functions of BoTorch and of the CEC 2006 collection, two of them seen through noise; "
@@ -31,17 +29,17 @@ def outside_section(root: Path) -> Section:
         DatasetError: the table is malformed.
     """
     title = "Problems that others wrote"
-    path = root / TABLE
+    path = root / OUTSIDE
     if not path.is_file():
         return Section("outside", title, "", [not_run(title)])
+    problems = read_outside(path)
     try:
-        problems: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
         return Section("outside", title, "", [Text(_INTRO), _table(problems)])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path}: malformed: {type(error).__name__}: {error}") from error
 
 
-def _table(problems: dict[str, dict[str, Any]]) -> Table:
+def _table(problems: Outside) -> Table:
     """Problems by methods."""
     rows, records = [], []
     for problem, methods in problems.items():

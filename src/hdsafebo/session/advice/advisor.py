@@ -10,6 +10,7 @@ entry that set the target, and then follows the log entry by entry:
     recorded                `observe` of what was really delivered
     not delivered           taken back, so that it can be suggested again
     refused, modified       the proposal stays without a result, so it is never made again
+    tightened               of a box without steps, a new optimiser of the smaller box
 
 Its saved states are cached beside the log. Following the log from the start must give the same suggestions,
 to the bit; `mismatches` says where it did not.
@@ -38,7 +39,11 @@ from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
 _DECISIONS = ("approved", "modified", "refused")
-_EXPIRING = ("suggested", "manual", "target_switched", "stopped", "tightened")
+_EXPIRING = ("suggested", "manual", "recorded", "target_switched", "stopped", "tightened")
+_NOTHING_KNOWN = (
+    "no trial with a result is known yet; begin with a trial of your own (manual) and record it, or make the "
+    "session with initial trials"
+)
 _one_thread = threadpool_limits.wrap(limits=1)  # the order of sums, and so the last digit, depends on threads
 
 
@@ -116,7 +121,8 @@ class Advisor:
             if entry.kind == "suggested":
                 self._reproduce(entry)
             self._take(entry)
-            if entry.kind in ("created", "target_switched"):
+            anew = entry.kind == "tightened" and self.search.begins_anew
+            if anew or entry.kind in ("created", "target_switched"):
                 self._begin()
             elif entry.kind == "resumed":
                 self._begin_day()
@@ -135,6 +141,8 @@ class Advisor:
         if self._asked is not None:
             return self._asked
         optimizer = self._require()
+        if not optimizer.trials.completed.any():
+            raise NoSafePointError(_NOTHING_KNOWN)
         before = _save(optimizer)
         try:
             trials = self._ask(optimizer)
@@ -221,22 +229,37 @@ class Advisor:
         optimizer = self._require()
         if not trial.delivered:
             if trial.origin == "suggested" and trial.suggestion not in self._foreign:
-                self._optimizer = self._load(self._undelivered)
-                self._begin_day()
+                self._take_back(trial)
             return
         objective, safety, status = results_of(trial, self.state.target, self.search, self.state.trials)
         if trial.origin == "suggested" and trial.suggestion not in self._foreign:
-            asked = int(np.flatnonzero(optimizer.trials.status == Status.PENDING)[-1])
-            optimizer.tell([asked], [objective], [safety], status=[status])
+            optimizer.tell([self._asked_as(trial)], [objective], [safety], status=[status])
         else:
             x, row = self.search.input_of(trial.point)
             optimizer.observe(x, [objective], [safety], status=[status], candidate=[row])
 
+    def _take_back(self, trial: Trial) -> None:
+        """An asked trial was not delivered: it can be asked again, unless others were asked or told since."""
+        if self.state.at_once == 1:
+            self._optimizer = self._load(self._undelivered)
+            self._begin_day()
+        else:
+            nothing = [np.full(len(self.search.space.safety), np.nan)]
+            self._require().tell([self._asked_as(trial)], [np.nan], nothing, status=[Status.FAILED])
+
+    def _asked_as(self, trial: Trial) -> int:
+        """The optimiser's id of a suggested trial that is running."""
+        trials = self._require().trials
+        x, _ = self.search.input_of(trial.point)
+        same = (trials.status == Status.PENDING) & (trials.x == x).all(axis=1)
+        return int(trials.id[same][-1])
+
     def _declined(self) -> IntArray:
-        """Candidate rows that a person turned down, or that an unsafe trial rules out; for any target."""
+        """Candidate rows that run, that a person turned down, or that an unsafe trial rules out."""
         if self.search.size is None:
             return np.empty(0, np.int64)
         points = [s.point for s in self.state.suggestions if s.decision in ("refused", "modified")]
+        points += [t.point for t in self.state.running_trials]
         rows = [self.search.input_of(p)[1] for p in points]
         refused = np.array([row for row in rows if row >= 0], np.int64)
         safe = self.search.space.safe
@@ -265,8 +288,9 @@ class Advisor:
 
     def _shown(self, name: str, mean: float, deviation: float) -> dict[str, float]:
         """A safety function's prediction in its own units: the mean, two standard deviations around it."""
-        values = {"mean": mean, "low": mean - 2.0 * deviation, "high": mean + 2.0 * deviation}
-        return {key: self.search.space.shown_safety(name, value) for key, value in values.items()}
+        shown = self.search.space.shown_safety
+        low, high = sorted(shown(name, mean + k * deviation) for k in (-2.0, 2.0))
+        return {"mean": shown(name, mean), "low": low, "high": high}
 
     def _reproduce(self, entry: Entry) -> None:
         """Compute a suggestion of the log again, unless it was just computed here.

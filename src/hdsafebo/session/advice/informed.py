@@ -105,7 +105,7 @@ def results_of(
     nothing = float("nan"), [float("nan")] * len(space.safety), Status.FAILED
     if trial.safety is None:
         return nothing
-    safety = [trial.safety[s.name] for s in space.safety]
+    safety = space.judged(trial.safety)
     if trial.outcomes is not None:
         return trial.outcomes[target], safety, Status.COMPLETED
     seen = [t.outcomes[target] for t in trials[: trial.number] if t.outcomes is not None]

@@ -52,12 +52,14 @@ class Search(ABC):
         embedding: of the inputs; None searches them directly.
         code_bounds: (2, d) box of codes that is searched; None takes that of the initial trials.
         size: number of candidates of a finite set; None without one.
+        begins_anew: tightened limits change the searched box, so that an optimiser has to begin anew.
     """
 
     space: Space
     embedding: Codec | None
     code_bounds: FloatArray | None = None
     size: int | None = None
+    begins_anew: bool = False
 
     @abstractmethod
     def problem(self, target: str) -> SessionProblem:
@@ -159,15 +161,21 @@ class ReachCodec:
 
 
 class BoxSearch(Search):
-    """Search of a box."""
+    """Search of a box. Where nothing moves in steps, the inputs themselves are searched, without a codec."""
 
     def __init__(self, space: GenericSpace, embedding: Codec | None) -> None:
         self.space = space
         self._bounds = np.vstack([space.lower, space.upper])
         self._generic = space
         self._codec = ReachCodec(space, embedding)
-        self.embedding = self._codec
-        self.code_bounds = self._codec.encode(self._bounds) if embedding is None else None
+        self.begins_anew = embedding is None and not space.steps
+        self.embedding = None if self.begins_anew else self._codec
+        self._whole = self._codec.encode(self._bounds) if embedding is None else None
+
+    @property
+    def code_bounds(self) -> FloatArray | None:  # type: ignore[override]
+        """(2, d) searched box; without a codec, the limits that are in force."""
+        return self._generic.reach(None) if self.begins_anew else self._whole
 
     def problem(self, target: str) -> SessionProblem:
         """See `Search`."""

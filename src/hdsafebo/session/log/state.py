@@ -130,10 +130,20 @@ class State:
         return last if last is not None and last.decision == "open" else None
 
     @property
+    def at_once(self) -> int:
+        """How many trials may run at the same time."""
+        return int(self.definition.get("at_once", 1))
+
+    @property
+    def running_trials(self) -> list[Trial]:
+        """The trials that wait for their records; of a session of one at a time only the last one may."""
+        among = self.trials[-1:] if self.at_once == 1 else self.trials[self.initial :]
+        return [t for t in among if t.status == "running"]
+
+    @property
     def running(self) -> Trial | None:
-        """The trial that waits for its record."""
-        last = self.trials[-1] if self.trials else None
-        return last if last is not None and last.status == "running" else None
+        """The first trial that waits for its record."""
+        return next(iter(self.running_trials), None)
 
     def paused_since(self, trial: Trial) -> bool:
         """Whether a pause lies between the start of a trial and now."""
@@ -191,6 +201,7 @@ class State:
         self._start("manual", entry, p["point"], None, None)
 
     def _recorded(self, entry: Entry, p: dict[str, Any]) -> None:
+        self._expire()  # what was suggested meanwhile, for another robot, did not know this result
         trial = self.trials[p["trial"] - 1]
         self.trials[p["trial"] - 1] = replace(
             trial,

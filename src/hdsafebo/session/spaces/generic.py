@@ -38,6 +38,7 @@ class GenericSpace(Space):
 
     Attributes:
         lower, upper: (D,) limits as the session was made, which scale the inputs whatever is in force.
+        steps: whether any input may only move in steps.
     """
 
     takes_recordings = False
@@ -47,7 +48,8 @@ class GenericSpace(Space):
     ) -> None:
         self.rows = rows
         self.targets = tuple(definition.outcomes)
-        self.safety = tuple(Safety(s.name, s.threshold) for s in definition.safety)
+        self._rules = tuple(definition.safety)
+        self.safety = tuple(Safety(s.name, s.sign * s.limit) for s in definition.safety)
         self.inputs = tuple(i.name for i in definition.inputs)
         self.entries = (*self.targets, *(s.name for s in definition.safety))
         self.lower, self.upper = _column(definition, "lower"), _column(definition, "upper")
@@ -57,7 +59,9 @@ class GenericSpace(Space):
         """Let the limits of a definition hold; see `Space.tighten`."""
         assert not isinstance(definition, StimulationDefinition)
         self._lowest, self._highest = _column(definition, "lower"), _column(definition, "upper")
-        self._max_step, self._home = _column(definition, "max_step"), _column(definition, "home")
+        self._max_step = np.array([np.inf if i.max_step is None else i.max_step for i in definition.inputs])
+        self.steps = bool(np.isfinite(self._max_step).any())
+        self._home = np.array([i.lower if i.home is None else i.home for i in definition.inputs])
 
     def point(self, data: Mapping[str, Any]) -> Point:
         """One number per input; see `Space.point`."""
@@ -125,6 +129,18 @@ class GenericSpace(Space):
                 before, after = point["values"][:j], point["values"][j + 1 :]
                 lines[name] = [(v, {"values": [*before, v, *after]}) for v in values]
         return lines
+
+    def judged(self, safety: Mapping[str, float]) -> list[float]:
+        """Upper limits with their sign turned; see `Space.judged`."""
+        return [rule.sign * safety[rule.name] for rule in self._rules]
+
+    def shown_safety(self, name: str, modelled: float) -> float:
+        """In the quantity's own sign; see `Space.shown_safety`."""
+        return next(rule.sign for rule in self._rules if rule.name == name) * modelled
+
+    def limits(self) -> dict[str, str]:
+        """See `Space.limits`."""
+        return {r.name: f"at {'least' if r.sign > 0 else 'most'} {r.limit:g}" for r in self._rules}
 
     def row(self, point: Point) -> dict[str, float]:
         """One column per input."""

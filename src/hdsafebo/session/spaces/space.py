@@ -154,9 +154,18 @@ class Space(ABC):
         """A safety value in its own units, from the units it is modelled in (after `Safety.transform`)."""
         return modelled
 
+    def judged(self, safety: Mapping[str, float]) -> list[float]:
+        """Safety values in the order and sign of `safety`, larger is safer."""
+        return [safety[s.name] for s in self.safety]
+
     def safe(self, safety: Mapping[str, float]) -> bool:
-        """Whether every safety value meets its threshold."""
-        return all(safety[s.name] >= s.threshold for s in self.safety)
+        """Whether every safety value keeps its limit."""
+        values = self.judged(safety)
+        return all(value >= s.threshold for value, s in zip(values, self.safety, strict=True))
+
+    def limits(self) -> dict[str, str]:
+        """Each safety function's limit in words."""
+        return {s.name: f"at least {s.threshold:g}" for s in self.safety}
 
 
 def finite(value: Any, name: str) -> float:

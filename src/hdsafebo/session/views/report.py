@@ -7,7 +7,7 @@ from pathlib import Path
 from hdsafebo.files.atomic import replacing
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.state import Trial
-from hdsafebo.session.session import DISCLAIMER, Session
+from hdsafebo.session.session import Session
 from hdsafebo.session.views.audit import verify_session
 from hdsafebo.session.views.believed import believed_best
 from hdsafebo.session.views.html import Html, join, raw, table, tag
@@ -46,7 +46,7 @@ def write_report(session: Session, path: Path) -> Path:
     body = tag(
         "body",
         tag("h1", name),
-        tag("p", DISCLAIMER, class_="notice"),
+        tag("p", session.disclaimer, class_="notice"),
         tag("p", "Session ", tag("code", session.state.session), *checked),
         _overview(session),
         _targets(session),

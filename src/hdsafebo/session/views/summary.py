@@ -11,7 +11,7 @@ import numpy as np
 from hdsafebo.gp.safe_set import alpha_of
 from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.session.log.state import Suggestion, Trial
-from hdsafebo.session.session import DISCLAIMER, Session
+from hdsafebo.session.session import Session
 
 CALIBRATION_EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 1.0)
 
@@ -41,7 +41,7 @@ def status(session: Session) -> dict[str, Any]:
     state, space = session.state, session.space
     best = session.best()
     return {
-        "disclaimer": DISCLAIMER,
+        "disclaimer": session.disclaimer,
         "name": session.definition.name,
         "session": state.session,
         "kind": session.definition.kind,
@@ -54,7 +54,8 @@ def status(session: Session) -> dict[str, Any]:
         "suggestion": None
         if state.open_suggestion is None
         else suggestion_data(session, state.open_suggestion),
-        "running": None if state.running is None else trial_data(session, state.running),
+        "running": [trial_data(session, t) for t in state.running_trials],
+        "at_once": state.at_once,
         "best": None if best is None else trial_data(session, best),
         "initial_best": _initial_best(session),
         "last": None if state.last_point is None else space.describe(state.last_point),

@@ -113,6 +113,11 @@ class Page:
         ]
         return Guard(Starlette(routes=routes), token)
 
+    @property
+    def disclaimer(self) -> str:
+        """Of the session."""
+        return self._viewer.disclaimer
+
     def close(self) -> None:
         """Close both views."""
         self._worker.close()
@@ -127,7 +132,7 @@ class Page:
             "inputs": list(space.inputs),
             "entries": list(space.entries),
             "takes_recordings": space.takes_recordings,
-            "safety_limits": {s.name: s.threshold for s in space.safety},
+            "safety_limits": space.limits(),
             "history": [trial_data(session, t) for t in reversed(trials)],
         }
 

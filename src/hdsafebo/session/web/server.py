@@ -6,7 +6,6 @@ import secrets
 from pathlib import Path
 
 from hdsafebo.session.errors import SessionError
-from hdsafebo.session.session import DISCLAIMER
 from hdsafebo.session.web.guard import is_loopback
 
 
@@ -29,7 +28,7 @@ def serve(directory: Path, host: str, port: int) -> None:
         raise SessionError(f"the page needs {error.name}: pip install 'hdsafebo[session]'") from None
     token = None if is_loopback(host) else secrets.token_urlsafe(24)
     page = Page(directory)
-    print(DISCLAIMER)
+    print(page.disclaimer)
     print(f"http://{host}:{port}/" + ("" if token is None else f"?token={token}"), flush=True)
     try:
         uvicorn.run(page.app(token), host=host, port=port, log_level="warning")

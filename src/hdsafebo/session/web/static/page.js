@@ -7,6 +7,8 @@ const byId = (id) => document.getElementById(id);
 let seen = null; // last status
 let busy = false;
 let editing = null; // {mode: "modify" | "manual", point, suggestion} while inputs are edited
+let recording = 0; // number of the running trial whose record is being entered, where several run
+let shownTrial; // the running trial that the form is for
 let lookTimer = 0;
 let believedOf = ""; // target and trials that the shown belief is of
 const onTheWay = new Set(); // of every request but STOP: a browser keeps few connections, and STOP must get one
@@ -64,7 +66,7 @@ async function stop() {
     const result = await answer.json();
     say(result.error || "");
   } catch (error) {
-    say(`the program does not answer (${error.message}): stop at the stimulator`);
+    say(`the program does not answer (${error.message}): stop at the ${!seen || seen.kind === "stimulation" ? "stimulator" : "machine"}`);
   }
   editing = null;
   await refresh(true);
@@ -112,12 +114,15 @@ function show() {
 }
 
 function showNow() {
-  const { suggestion, running, stopped } = seen;
+  const { suggestion, stopped } = seen;
+  const full = seen.running.length >= seen.at_once;
+  const running = seen.running.find((t) => t.number === recording) || (full || stopped !== null ? seen.running[0] : undefined);
+  shownTrial = running;
   const buttons = [];
   let point = null, belief = null, title = "Ready";
   byId("record").hidden = !running;
   byId("reason-row").hidden = true;
-  if (editing && (stopped !== null || running || (suggestion && suggestion.number) !== editing.suggestion)) {
+  if (editing && (stopped !== null || full || (suggestion && suggestion.number) !== editing.suggestion)) {
     editing = null;
     say("the session has moved on: what was being edited is not delivered");
   }
@@ -146,6 +151,12 @@ function showNow() {
   } else if (!stopped) {
     buttons.push(["Suggest", "approve", () => send("suggest", {})]);
     buttons.push(["Own trial", "plain", () => edit("manual", startPoint())]);
+  }
+  if (!editing) {
+    for (const other of seen.running.filter((t) => t !== running)) {
+      buttons.push([`Record trial ${other.number}`, "plain", () => { recording = other.number; showNow(); }]);
+    }
+    if (running && !full && stopped === null) buttons.push(["Back", "plain", () => { recording = 0; showNow(); }]);
   }
   byId("title").textContent = title;
   showPoint(point);
@@ -183,6 +194,7 @@ function withReason(step, body) {
 }
 
 function edit(mode, point) {
+  recording = 0;
   editing = { mode, point: structuredClone(point), suggestion: seen.suggestion && seen.suggestion.number };
   byId("reason").value = "";
   showNow();
@@ -282,7 +294,7 @@ function showBelief(belief) {
   const { mean, sd } = belief.objective;
   row(`predicted ${seen.target}`, `${mean.toFixed(3)} (${(mean - 2 * sd).toFixed(3)} to ${(mean + 2 * sd).toFixed(3)})`);
   for (const [name, value] of Object.entries(belief.safety)) {
-    row(`predicted ${name} (safe from ${seen.safety_limits[name]})`, `${value.mean.toFixed(2)} (${value.low.toFixed(2)} to ${value.high.toFixed(2)})`);
+    row(`predicted ${name} (safe: ${seen.safety_limits[name]})`, `${value.mean.toFixed(2)} (${value.low.toFixed(2)} to ${value.high.toFixed(2)})`);
   }
   row("probability to be safe", percent(belief.safe_probability), belief.safe_probability);
   row("promised by the method", percent(seen.promised.alpha));
@@ -295,8 +307,8 @@ function percent(p) {
 }
 
 function showEntries() {
-  if (byId("entries").dataset.trial === String(seen.running.number)) return;
-  byId("entries").dataset.trial = seen.running.number;
+  if (byId("entries").dataset.trial === String(shownTrial.number)) return;
+  byId("entries").dataset.trial = shownTrial.number;
   byId("file").value = "";
   byId("remark").value = "";
   byId("reason").value = "";
@@ -314,7 +326,7 @@ async function record() {
   const values = {};
   for (const input of byId("entries").querySelectorAll("input")) if (input.value !== "") values[input.name] = input.valueAsNumber;
   const file = byId("file").files[0];
-  const body = { trial: seen.running.number, values, recording: null, remark: byId("remark").value };
+  const body = { trial: shownTrial.number, values, recording: null, remark: byId("remark").value };
   let content = null;
   try {
     if (file) content = await present(file);

@@ -1,0 +1,107 @@
+"""The table of five rows in README.md: what was asked, what came out, and where the evidence is."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from statistics import mean
+
+from hdsafebo.params import load_params
+from hdsafebo.report.claims.base import STATUS_LABELS
+from hdsafebo.report.claims.paper import paper_claims
+from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS
+from hdsafebo.report.data.inputs import read_inputs
+from hdsafebo.report.data.outside import OUTSIDE, is_close, outside_label, read_outside
+from hdsafebo.report.data.planned import planned_runs, read_planned
+from hdsafebo.report.data.results import Results, Settings
+
+LOCAL, PAPER = "hdsafebo_local", "hdsafebo"
+_BENCHMARKS = Path("reports/reference/benchmarks")
+
+
+def headline_markdown(root: Path) -> str:
+    """The table.
+
+    Args:
+        root: the project's directory.
+
+    Raises:
+        DatasetError: a file of the evidence is malformed.
+    """
+    rows = [*_outside(root / OUTSIDE), _calibration(root), _month(root), _claims(root / "reports/reference")]
+    lines = ["| what was asked | what came out | evidence |", "|---|---|---|"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _outside(path: Path) -> list[tuple[str, str, str]]:
+    """Safe shares and best values on problems that others wrote."""
+    table = {problem: row for problem, row in read_outside(path).items() if {LOCAL, PAPER} <= row.keys()}
+    count = len(table)
+    safe = {m: [row[m]["safe"] for row in table.values()] for m in (LOCAL, PAPER)}
+    better = [p for p, row in table.items() if row[LOCAL]["best"] > row[PAPER]["best"]]
+    worse = [p for p, row in table.items() if row[LOCAL]["best"] < row[PAPER]["best"]]
+    far = [p for p, row in table.items() if not is_close(row[LOCAL])]
+    link = "[table](docs/reproduction/results.md#problems-that-others-wrote)"
+    return [
+        (
+            f"Are trials safe? {count} constrained problems that others wrote",
+            f"{100 * mean(safe[LOCAL]):.1f} % of the trials of `{LOCAL}` were safe (at least "
+            f"{100 * min(safe[LOCAL]):.0f} % on each problem), {100 * mean(safe[PAPER]):.0f} % of those of "
+            f"`{PAPER}` (at least {100 * min(safe[PAPER]):.0f} %)",
+            link,
+        ),
+        (
+            f"How good is the best safe trial? The same {count} problems",
+            f"`{LOCAL}` was better on {len(better)} and worse on {len(worse)}"
+            f"{_names(worse)}; it stayed more than 1 % from the optimum on {len(far)}{_names(far)}",
+            link,
+        ),
+    ]
+
+
+def _names(problems: list[str]) -> str:
+    return f" ({', '.join(outside_label(p).split(',')[0] for p in problems)})" if problems else ""
+
+
+def _calibration(root: Path) -> tuple[str, str, str]:
+    """Promised and observed safe shares on problems drawn from the model."""
+    path = _BENCHMARKS / "calibration.json"
+    content = json.loads((root / path).read_text(encoding="utf-8"))
+    row = max(content["fitted"], key=lambda r: r["alpha"])
+    bins = [b["within"] for asked in content["fitted"] for b in asked["bins"]]
+    return (
+        f"Is a promise kept? {content['problems']} problems drawn from the model itself",
+        f"promised {100 * row['alpha']:.0f} %: {100 * row['safe_share_believed']:.1f} % were safe; predicted "
+        f"and observed shares agree in {sum(bins)} of {len(bins)} bins",
+        f"[calibration.json]({path})",
+    )
+
+
+def _month(root: Path) -> tuple[str, str, str]:
+    """Sessions with simulated patients."""
+    path = _BENCHMARKS / "session_month.json"
+    patients = json.loads((root / path).read_text(encoding="utf-8"))["patients"]
+    total = {k: sum(p[k] for p in patients) for k in ("unsafe", "recommended", "breaches", "improved")}
+    muscles = sum(len(p["final_best"]) for p in patients)
+    return (
+        f"Sessions: a month of stimulation, {len(patients)} simulated patients",
+        f"{total['unsafe']} of {total['recommended']:,} recommended trials were rated unsafe, "
+        f"{total['breaches']} broke a hard limit; the best improved for {total['improved']} of {muscles} "
+        "muscles",
+        f"[session_month.json]({path})",
+    )
+
+
+def _claims(evidence: Path) -> tuple[str, str, str]:
+    """Counts of the verdicts on the paper's claims."""
+    asked, link = "Do the paper's claims hold here?", "[claims](docs/reproduction/claims.md)"
+    if not (evidence / RUNS).is_dir():
+        return asked, "not graded yet: the kept run is of an earlier comparison", link
+    params = load_params(evidence / PARAMS)
+    runs, _ = read_planned(evidence / RUNS, planned_runs(params))
+    results = Results(runs, Settings(**params.report.model_dump()))
+    inputs = read_inputs(evidence / INPUTS, evidence / RUNS)
+    claims = paper_claims(results, inputs.isometry, inputs.stimulation)
+    counts = Counter(STATUS_LABELS[next(iter(c.verdicts.values())).status] for c in claims)
+    return asked, ", ".join(f"{label}: {n}" for label, n in counts.items()), link

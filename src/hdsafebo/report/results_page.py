@@ -1,0 +1,114 @@
+"""The page of results in the documentation, written from the kept evidence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hdsafebo.params import load_params
+from hdsafebo.report.claims.base import OWN_LABELS, STATUS_LABELS, Claim
+from hdsafebo.report.claims.own import own_claims
+from hdsafebo.report.claims.paper import paper_claims
+from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS, read_provenance
+from hdsafebo.report.data.inputs import read_inputs
+from hdsafebo.report.data.methods import style, task_label
+from hdsafebo.report.data.outside import outside_label, read_outside
+from hdsafebo.report.data.planned import planned_runs, read_planned
+from hdsafebo.report.data.results import Results, Settings
+from hdsafebo.report.formatting import number, with_error
+
+NO_RUN = (
+    "The report in `reports/reference` is of an earlier comparison, in which methods were given different "
+    "information and `hdsafebo` meant another reading of the paper. Its numbers are not repeated here; the "
+    "next reference run writes this section."
+)
+
+
+def runs_markdown(evidence: Path) -> str:
+    """What the runs of the evidence came to: a table per task and setting.
+
+    Args:
+        evidence: folder of `data.evidence`.
+
+    Raises:
+        DatasetError: a file of the evidence is missing or malformed.
+    """
+    if not (evidence / RUNS).is_dir():
+        return NO_RUN
+    results, profile, revision = _read(evidence)
+    lines = [
+        f"Profile `{profile}`, revision {revision[:10]}; mean ± one standard error over runs. Tasks marked",
+        "informed give every method what a practitioner would know; the others give what the paper gives.",
+        "",
+    ]
+    for task in results.experiments:
+        lines += _table(results, task)
+    return "\n".join(lines)
+
+
+def claims_markdown(evidence: Path) -> str:
+    """The verdicts on this project's own claims, and on the paper's.
+
+    Raises:
+        DatasetError: as `runs_markdown`.
+    """
+    if not (evidence / RUNS).is_dir():
+        return NO_RUN
+    results, _, _ = _read(evidence)
+    inputs = read_inputs(evidence / INPUTS, evidence / RUNS)
+    lines = ["### Of this project's own method", ""]
+    for claim in own_claims(results):
+        verdict = claim.verdicts[""]
+        lines.append(f"- {claim.statement} **{OWN_LABELS[verdict.status]}**: {verdict.text}.")
+    lines += ["", "### Of the paper", ""]
+    return "\n".join([*lines, *map(_paper_claim, paper_claims(results, inputs.isometry, inputs.stimulation))])
+
+
+def _paper_claim(claim: Claim) -> str:
+    verdict = next(iter(claim.verdicts.values()))
+    return f"- {claim.statement} ({claim.source}) **{STATUS_LABELS[verdict.status]}**: {verdict.text}."
+
+
+def outside_markdown(path: Path) -> str:
+    """Problems that others wrote: best safe value and safe share of every method.
+
+    Raises:
+        DatasetError: the table is malformed.
+    """
+    lines = ["| problem | optimum | method | best safe value | safe share | marked | seeds |"]
+    lines.append("|---|---|---|---|---|---|---|")
+    for problem, methods in read_outside(path).items():
+        for method, row in sorted(methods.items(), key=lambda item: item[0] != "hdsafebo_local"):
+            cells = [outside_label(problem), number(row["optimum"], 5), f"`{method}`", number(row["best"], 5)]
+            cells += [f"{row['safe']:.3f}", f"{row['marked']:.3f}", str(row["seeds"])]
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _read(evidence: Path) -> tuple[Results, str, str]:
+    params = load_params(evidence / PARAMS)
+    runs, _ = read_planned(evidence / RUNS, planned_runs(params))
+    revision = read_provenance(evidence).get("revision") or "an unknown revision"
+    return Results(runs, Settings(**params.report.model_dump())), params.profile, str(revision)
+
+
+def _table(results: Results, task: str) -> list[str]:
+    meta = results.meta(task, results.methods(task)[0])
+    optimum = results.optimum(task)
+    best = "" if optimum is None else f"; the best safe value of the whole set is {number(optimum)}"
+    lines = [
+        f"**{task_label(task)}**, {meta.n_initial} initial of {meta.n_trials} trials, {meta.batch} a "
+        f"round{best}:",
+        "",
+        "| method | best safe objective | safety | violation | s per round | runs |",
+        "|---|---|---|---|---|---|",
+    ]
+    for method in results.methods(task):
+        cells = [
+            with_error(results.estimate(task, method, metric))
+            for metric in ("objective", "safety", "violation", "seconds_per_round")
+        ]
+        runs = len(results.metrics(task, method))
+        found = results.estimate(task, method, "objective").runs
+        cells[0] += f" (in {found} of {runs} runs)" if found < runs else ""
+        lines.append(f"| {style(method).label} (`{method}`) | {' | '.join(cells)} | {runs} |")
+    return [*lines, ""]

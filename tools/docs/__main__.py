@@ -1,0 +1,33 @@
+"""Write the pages that come from the code: `python -m tools.docs [--tutorials]`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from hdsafebo.report.marked import write_marked
+from hdsafebo.report.published import publish
+from tools.docs import pages, tutorials
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def main() -> None:
+    """Write them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tutorials", action="store_true", help="run the tutorials, too: a minute or two")
+    given = parser.parse_args()
+    publish(ROOT)
+    for path, text in pages.whole(ROOT).items():
+        (ROOT / path).parent.mkdir(parents=True, exist_ok=True)
+        (ROOT / path).write_text(text, encoding="utf-8")
+    for (path, name), text in pages.parts(ROOT).items():
+        write_marked(ROOT / path, name, text)
+    for path in pages.stale(ROOT):
+        path.unlink()
+    if given.tutorials:
+        tutorials.write(ROOT)
+
+
+if __name__ == "__main__":
+    main()
