@@ -20,7 +20,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402  (after the thread limits)
 
 from hdsafebo.files.atomic import write_json  # noqa: E402
-from hdsafebo.hand.policy import PolicySpace  # noqa: E402
+from hdsafebo.hand.policy import LinearPolicySpace  # noqa: E402
 from hdsafebo.hand.rollout import Scene, evaluate_policies  # noqa: E402
 
 TARGET_S = 0.25
@@ -49,7 +49,7 @@ def measure(variant: str, policies: int) -> dict[str, float]:
     start = time.process_time()
     simulation = scene.simulation()
     build = time.process_time() - start
-    space = PolicySpace.original(simulation.pose.activation, simulation.observer.size)
+    space = LinearPolicySpace.original(simulation.pose.activation, simulation.observer.size)
     parameters = np.random.default_rng(0).uniform(-0.05, 0.05, (policies, space.dimension))
     seconds, steps = [], []
     for policy in parameters:

@@ -15,7 +15,7 @@ from hdsafebo.embeddings.distances import sample_pairs
 from hdsafebo.embeddings.isometry import IsometryCheck, IsometryMeasures, RoundTrip
 from hdsafebo.errors import EmbeddingFileError, ParamsError
 from hdsafebo.files.atomic import write_json
-from hdsafebo.params import Isometry
+from hdsafebo.params import IsometryParams
 from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.progress import track
 from hdsafebo.spinal.configurations import CONFIGURATIONS, enumerate_configurations
@@ -46,7 +46,9 @@ def main(stage: Stage) -> None:
         measured[name].require(name, floors.model_dump(exclude_none=True))
 
 
-def _check(settings: Isometry, currents: NDArray[np.float64], held_out: NDArray[np.intp]) -> IsometryCheck:
+def _check(
+    settings: IsometryParams, currents: NDArray[np.float64], held_out: NDArray[np.intp]
+) -> IsometryCheck:
     """The check on a sample of the field maps of the dataset."""
     rng = np.random.default_rng(settings.seed)
     unit = unit_potentials(enumerate_configurations())

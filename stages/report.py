@@ -6,7 +6,7 @@ from hdsafebo.pipeline.provenance import git_state
 from hdsafebo.pipeline.stage import Stage, run_stage
 from hdsafebo.report.build import build_report
 from hdsafebo.report.data.planned import planned_runs
-from hdsafebo.report.data.results import Settings
+from hdsafebo.report.data.results import Uncertainty
 
 
 def main(stage: Stage) -> None:
@@ -18,7 +18,7 @@ def main(stage: Stage) -> None:
         git_revision=None if revision is None else revision[0],
         planned=planned_runs(stage.params),
         isometry_points=stage.params.isometry.points,
-        settings=Settings(**stage.params.report.model_dump()),
+        settings=Uncertainty(**stage.params.report.model_dump()),
     )
     stage.log_metrics(_flat(content))
     for name in ("index.html", "summary.json", "figures", "tables"):

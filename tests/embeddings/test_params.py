@@ -7,13 +7,13 @@ from pydantic import ValidationError
 
 from hdsafebo.errors import ParamsError
 from hdsafebo.files.yaml import read_mapping
-from hdsafebo.params import Embeddings, Isometry
+from hdsafebo.params import Embeddings, IsometryParams
 from hdsafebo.pipeline.checked_params import parse_checked_params
 
 
 def test_defaults_are_valid() -> None:
     assert "residual" in Embeddings().models
-    assert Isometry().points == 10_000
+    assert IsometryParams().points == 10_000
 
 
 @pytest.mark.parametrize(
@@ -35,4 +35,4 @@ def test_bad_models(project_root: Path, models: dict[str, dict[str, object]], me
 @pytest.mark.parametrize("floors", [{"pca": {"distance_corelation": 0.9}}, {"pca": {"round_trip": 1.1}}])
 def test_bad_floors(floors: dict[str, dict[str, float]]) -> None:
     with pytest.raises(ValidationError):
-        Isometry(floors=floors)
+        IsometryParams(floors=floors)

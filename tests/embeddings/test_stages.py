@@ -12,7 +12,7 @@ import pytest
 
 from hdsafebo.embeddings import load_embedding
 from hdsafebo.errors import EmbeddingFileError, IsometryError, ParamsError
-from hdsafebo.params import Embeddings, Isometry, IsometryFloors, Spinal
+from hdsafebo.params import Embeddings, IsometryFloors, IsometryParams, Spinal
 from hdsafebo.pipeline.stage import Stage
 
 MODELS = {
@@ -21,7 +21,7 @@ MODELS = {
     "residual": {"epochs": 2, "homogeneous": True, "origin": 1.0},
 }
 SIZES = {"points": 300, "pairs": 2000, "figure_pairs": 500, "gp_points": 60, "gp_draws": 2}
-CHECK = Isometry(**SIZES, jacobian_points=3, round_trip_rows=60)
+CHECK = IsometryParams(**SIZES, jacobian_points=3, round_trip_rows=60)
 
 
 class Silent:
@@ -46,7 +46,7 @@ def scripts(project_root: Path) -> dict[str, ModuleType]:
     return loaded
 
 
-def stage(root: Path, isometry: Isometry = CHECK) -> Stage:
+def stage(root: Path, isometry: IsometryParams = CHECK) -> Stage:
     params = SimpleNamespace(embeddings=Embeddings(models=MODELS), isometry=isometry, spinal=Spinal())
     return Stage("test", params, root, Namespace(), Silent())  # type: ignore[arg-type]
 

@@ -6,24 +6,24 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.policy import LinearPolicySpace
 
 
 @pytest.fixture
-def synergies() -> PolicySpace:
+def synergies() -> LinearPolicySpace:
     rng = np.random.default_rng(0)
     basis = np.linalg.qr(rng.standard_normal((55, 5)))[0].T
-    return PolicySpace(rng.random(55), basis, 65)
+    return LinearPolicySpace(rng.random(55), basis, 65)
 
 
-def test_dimensions_are_those_of_the_paper(synergies: PolicySpace) -> None:
+def test_dimensions_are_those_of_the_paper(synergies: LinearPolicySpace) -> None:
     assert synergies.dimension == 325
-    assert PolicySpace.original(synergies.base, 65).dimension == 3575
+    assert LinearPolicySpace.original(synergies.base, 65).dimension == 3575
 
 
-def test_a_policy_over_synergies_is_the_same_in_the_original_space(synergies: PolicySpace) -> None:
+def test_a_policy_over_synergies_is_the_same_in_the_original_space(synergies: LinearPolicySpace) -> None:
     rng = np.random.default_rng(1)
-    original = PolicySpace.original(synergies.base, 65)
+    original = LinearPolicySpace.original(synergies.base, 65)
     codes = rng.uniform(-3, 3, (4, 325))
     observation = rng.standard_normal(65)
     for code, policy in zip(codes, synergies.to_original(codes), strict=True):
@@ -34,12 +34,12 @@ def test_a_policy_over_synergies_is_the_same_in_the_original_space(synergies: Po
         assert one.max() <= 1
 
 
-def test_the_zero_policy_is_the_base(synergies: PolicySpace) -> None:
+def test_the_zero_policy_is_the_base(synergies: LinearPolicySpace) -> None:
     zero = synergies.weights(np.zeros((1, 325)))[0]
     np.testing.assert_array_equal(synergies.excitation(zero, np.ones(65)), synergies.base)
 
 
-def test_bad_policies_are_refused(synergies: PolicySpace) -> None:
+def test_bad_policies_are_refused(synergies: LinearPolicySpace) -> None:
     with pytest.raises(HandModelError, match=r"shape \(2, 324\); expected \(n, 325\): 5 x 65 weights each"):
         synergies.weights(np.zeros((2, 324)))
     with pytest.raises(HandModelError, match="shape"):
@@ -49,6 +49,6 @@ def test_bad_policies_are_refused(synergies: PolicySpace) -> None:
     with pytest.raises(HandModelError, match=r"policies \[1\] have weights that are not finite"):
         synergies.weights(broken)
     with pytest.raises(HandModelError, match="do not fit"):
-        PolicySpace(np.zeros(55), np.zeros((5, 43)), 65)
+        LinearPolicySpace(np.zeros(55), np.zeros((5, 43)), 65)
     with pytest.raises(HandModelError, match="not finite"):
-        PolicySpace(np.full(3, np.nan), np.eye(3), 65)
+        LinearPolicySpace(np.full(3, np.nan), np.eye(3), 65)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.policy import LinearPolicySpace
 from hdsafebo.hand.reference import Difficulty, behaviour_map, load_moment, observation_moment, save_moment
 from hdsafebo.hand.rollout import Episodes, Scene, episode
 from hdsafebo.hand.scene.model import hand_model
@@ -18,7 +18,7 @@ SCENE = Scene("forearm", horizon=10)
 
 def test_moment_is_the_mean_over_all_steps() -> None:
     simulation = SCENE.simulation()
-    space = PolicySpace.original(simulation.pose.activation, simulation.observer.size)
+    space = LinearPolicySpace.original(simulation.pose.activation, simulation.observer.size)
     policies = np.random.default_rng(0).uniform(-0.05, 0.05, (3, space.dimension))
     seen = [o for w in space.weights(policies) for o, _, _ in episode(simulation, space, w)]
     expected = np.mean([np.outer(o, o) for o in seen], axis=0)

@@ -10,7 +10,7 @@ import pytest
 
 from hdsafebo.errors import HandModelError
 from hdsafebo.hand import rollout
-from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.policy import LinearPolicySpace
 from hdsafebo.hand.rollout import Episodes, Scene, episode, evaluate_policies, policy_excitations
 from hdsafebo.hand.simulation import BottleSimulation, Step
 
@@ -18,18 +18,18 @@ SCENE = Scene("forearm", horizon=60)
 
 
 @pytest.fixture(scope="module")
-def space() -> PolicySpace:
+def space() -> LinearPolicySpace:
     simulation = SCENE.simulation()
-    return PolicySpace.original(simulation.pose.activation, simulation.observer.size)
+    return LinearPolicySpace.original(simulation.pose.activation, simulation.observer.size)
 
 
 @pytest.fixture(scope="module")
-def policies(space: PolicySpace) -> np.ndarray:
+def policies(space: LinearPolicySpace) -> np.ndarray:
     return np.random.default_rng(2).uniform(-0.1, 0.1, (6, space.dimension))
 
 
 @pytest.fixture(scope="module")
-def episodes(space: PolicySpace, policies: np.ndarray) -> Episodes:
+def episodes(space: LinearPolicySpace, policies: np.ndarray) -> Episodes:
     return evaluate_policies(SCENE, space, policies)
 
 
@@ -38,7 +38,9 @@ def assert_same(one: Episodes, other: Episodes) -> None:
         np.testing.assert_array_equal(values, getattr(other, name), err_msg=name)
 
 
-def test_order_and_batch_do_not_matter(space: PolicySpace, policies: np.ndarray, episodes: Episodes) -> None:
+def test_order_and_batch_do_not_matter(
+    space: LinearPolicySpace, policies: np.ndarray, episodes: Episodes
+) -> None:
     backwards = evaluate_policies(SCENE, space, policies[::-1])
     np.testing.assert_array_equal(backwards.total_reward[::-1], episodes.total_reward)
     alone = evaluate_policies(SCENE, space, policies[3:4])
@@ -46,20 +48,22 @@ def test_order_and_batch_do_not_matter(space: PolicySpace, policies: np.ndarray,
     assert len(np.unique(episodes.total_reward)) == len(policies)
 
 
-def test_threads_give_the_same_bits(space: PolicySpace, policies: np.ndarray, episodes: Episodes) -> None:
+def test_threads_give_the_same_bits(
+    space: LinearPolicySpace, policies: np.ndarray, episodes: Episodes
+) -> None:
     with ThreadPoolExecutor(2) as executor:
         assert_same(evaluate_policies(SCENE, space, policies, executor), episodes)
 
 
 def test_new_processes_give_the_same_bits(
-    space: PolicySpace, policies: np.ndarray, episodes: Episodes
+    space: LinearPolicySpace, policies: np.ndarray, episodes: Episodes
 ) -> None:
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as executor:
         assert_same(evaluate_policies(SCENE, space, policies, executor), episodes)
 
 
 def test_table_matches_the_steps_of_an_episode(
-    space: PolicySpace, policies: np.ndarray, episodes: Episodes
+    space: LinearPolicySpace, policies: np.ndarray, episodes: Episodes
 ) -> None:
     simulation = BottleSimulation(SCENE.simulation().hand, SCENE.horizon)
     steps: list[Step] = [s for _, _, s in episode(simulation, space, space.weights(policies[:1])[0])]
@@ -70,20 +74,22 @@ def test_table_matches_the_steps_of_an_episode(
     assert episodes.handling_speed[0] == simulation.peak_contact_speed
 
 
-def test_excitations_replay_the_episode(space: PolicySpace, policies: np.ndarray, episodes: Episodes) -> None:
+def test_excitations_replay_the_episode(
+    space: LinearPolicySpace, policies: np.ndarray, episodes: Episodes
+) -> None:
     excitations = policy_excitations(SCENE, space, policies[1])
     simulation = SCENE.simulation()
     simulation.reset()
     assert sum(simulation.step(e).reward.total for e in excitations) == episodes.total_reward[1]
 
 
-def test_no_policies_give_an_empty_table(space: PolicySpace) -> None:
+def test_no_policies_give_an_empty_table(space: LinearPolicySpace) -> None:
     empty = evaluate_policies(SCENE, space, np.empty((0, space.dimension)))
     assert len(empty.total_reward) == len(empty.upright) == len(empty.failed) == 0
 
 
 def test_a_diverging_simulation_is_a_failure_not_a_number(
-    space: PolicySpace, policies: np.ndarray, monkeypatch: pytest.MonkeyPatch
+    space: LinearPolicySpace, policies: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from hdsafebo.hand import simulation
 
@@ -96,7 +102,7 @@ def test_a_diverging_simulation_is_a_failure_not_a_number(
 
 
 def test_wrong_shape_is_refused_before_anything_runs(
-    space: PolicySpace, monkeypatch: pytest.MonkeyPatch
+    space: LinearPolicySpace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rollout, "_outcome", None)
     with pytest.raises(HandModelError, match="expected"):

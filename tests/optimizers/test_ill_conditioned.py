@@ -80,9 +80,8 @@ def run_case(seed: int) -> str:
     return "marked" if optimizer.trials.marked_unsafe.any() else "safe"
 
 
-@pytest.mark.parametrize("first", [0, 20], ids=["first", "second"])
-def test_forty_runs_on_hard_data(first: int) -> None:
-    ends = Counter(run_case(seed) for seed in range(first, first + 20))
+def test_twenty_runs_on_hard_data() -> None:  # the slow test has a thousand
+    ends = Counter(run_case(seed) for seed in range(20))
     assert ends["safe"] > 0
 
 

@@ -7,7 +7,7 @@ import pytest
 from hdsafebo.errors import ParamsError, UnknownNameError
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
 from hdsafebo.optimizers.registry import METHODS, make_optimizer, method_class, method_names
-from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.knowledge import TaskKnowledge
 from optimizers.toy import bowl_problem, observe_initial, rows_problem
 
 METHODS_WITH_VARIANTS = ("linebo", "linebo_lower", "cei", "cei_botorch", "cei_prob", "cei_prob_botorch")
@@ -54,7 +54,7 @@ def test_baselines_have_the_papers_settings_and_variants_beside_them() -> None:
 
 
 def test_every_method_says_what_it_uses() -> None:
-    names = {field.name for field in fields(Knowledge)}
+    names = {field.name for field in fields(TaskKnowledge)}
     for name in METHODS:
         assert method_class(name)[0].uses <= names, name
 

@@ -17,7 +17,7 @@ import pytest
 from hdsafebo.errors import ParamsError
 from hdsafebo.files.yaml import parse_mapping
 from hdsafebo.pipeline.provenance import digest_paths, git_state, stage_dependencies
-from hdsafebo.pipeline.store import Store, StoreError, default_uri, experiments, home_of
+from hdsafebo.pipeline.store import MlflowStore, StoreError, default_uri, experiments, home_of
 from hdsafebo.pipeline.tracking import flatten, track_stage
 
 PARAMS = {"tasks": {"synthetic": {"budget": {"trials": 30}}}, "methods": {"sobol": {}}}
@@ -215,7 +215,7 @@ def test_a_slow_server_holds_a_stage_for_a_share_of_its_time(
 ) -> None:
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
     monkeypatch.setattr("hdsafebo.pipeline.store._PATIENCE_S", 0.5)
-    store = Store(tmp_path)
+    store = MlflowStore(tmp_path)
     done = []
 
     def answer_slowly() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.policy import LinearPolicySpace
 from hdsafebo.hand.reference import save_moment
 from hdsafebo.hand.rollout import Scene, evaluate_policies
 from hdsafebo.hand.synergies import Synergies, save_synergies
@@ -210,7 +210,7 @@ def test_bad_input(make: Callable[[str], Task], params: Params, tmp_path: Path) 
 
 def test_paper_size(root: Path) -> None:
     hand = Scene("extended").simulation()
-    space = PolicySpace(np.full(55, 0.3), np.eye(55)[:5], hand.observer.size)
+    space = LinearPolicySpace(np.full(55, 0.3), np.eye(55)[:5], hand.observer.size)
     problem = HandPolicies(Scene("extended"), space, 3.0, safety_functions(HandProblem(), 4.4, ["no_drop"]))
     assert problem.bounds.shape == (2, 3575)
     assert problem.codec.space.dimension == 325

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from hdsafebo.optimizers.registry import method_class
-from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.knowledge import TaskKnowledge
 
-INFORMED = Knowledge(
+INFORMED = TaskKnowledge(
     latent_space="codes", kernel_features="drives", safety="no_drop", extra_trials="50 episodes"
 )
 
@@ -21,7 +21,7 @@ def test_what_is_given_has_words() -> None:
         "safety": "no_drop",
         "extra_trials": "50 episodes",
     }
-    assert Knowledge().given() == {}
+    assert TaskKnowledge().given() == {}
 
 
 def test_methods_with_the_common_model_use_all_of_it() -> None:

@@ -127,3 +127,28 @@ def write_inputs(root: Path, rng: np.random.Generator) -> None:
         "example": {"pixels": np.linspace(0, 1, 52 * 14).reshape(52, 14).tolist(), "title": "an example"},
     }
     (root / "data/spinal/selectivity.json").write_text(json.dumps(stimulation))
+    _write_body(root)
+
+
+def _write_body(root: Path) -> None:
+    """A policy of the body beside a reflex, with pictures and a film."""
+    folder = root / "data/body/policies"
+    folder.mkdir(parents=True, exist_ok=True)
+    policies = []
+    for name, seconds in (("reflex", 2.0), ("hdsafebo_local", 5.0)):
+        outcome = {"seconds": [seconds] * 2, "loads": [50.0] * 2, "total": 40 * seconds, "failure": None}
+        policies.append(
+            {
+                "method": name,
+                "seed": 0,
+                "trial": 7,
+                "objective": 40 * seconds,
+                "known": outcome,
+                "unseen": outcome,
+                "picture": f"{name}.png",
+            }
+        )
+        (folder / f"{name}.png").write_bytes(b"\x89PNG " + name.encode())
+    content = {"horizon_s": 5.0, "pushes": [1, 4], "unseen_pushes": [101, 102], "missing": None}
+    (folder / "policies.json").write_text(json.dumps(content | {"policies": policies}))
+    (folder / "best_beside_reflex.mp4").write_bytes(b"a film")

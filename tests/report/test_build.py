@@ -16,12 +16,12 @@ from markupsafe import escape
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.build import build_report
 from hdsafebo.report.data.departures import read_departures
-from hdsafebo.report.data.inputs import Frame
-from hdsafebo.report.data.results import Settings
+from hdsafebo.report.data.inputs import StoredPicture
+from hdsafebo.report.data.results import Uncertainty
 from report.full_size import write_everything
 from report.run_files import trial_table, write_run
 
-QUICK = Settings(bootstrap_samples=200)
+QUICK = Uncertainty(bootstrap_samples=200)
 
 
 def build(root: Path) -> dict:
@@ -151,9 +151,9 @@ def test_a_wide_picture_can_be_scrolled_on_a_phone() -> None:
     def png(width: int, height: int) -> bytes:
         return b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", width, height)
 
-    assert Frame("wide", png(1400, 1000)).is_wide
-    assert not Frame("square", png(1000, 1000)).is_wide
-    assert not Frame("no picture", b"").is_wide
+    assert StoredPicture("wide", png(1400, 1000)).is_wide
+    assert not StoredPicture("square", png(1000, 1000)).is_wide
+    assert not StoredPicture("no picture", b"").is_wide
 
 
 def test_sizes_of_the_isometry_check_and_the_random_embeddings(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from hdsafebo.report.claims.base import NOT_RUN, Claim, Verdict, superiority, worst_of
 from hdsafebo.report.claims.paper import paper_claims
 from hdsafebo.report.data.inputs import Isometry, Stimulation
-from hdsafebo.report.data.results import Results, Settings
+from hdsafebo.report.data.results import Results, Uncertainty
 from hdsafebo.runs.read import read_runs
 from report.run_files import NO_FAULTS, trial_table, write_run
 
@@ -28,7 +28,7 @@ def flat(root: Path, task: str, method: str, value: float, *, seeds: int = SEEDS
 
 
 def results(root: Path) -> Results:
-    return Results(read_runs(root / "data/runs"), Settings(bootstrap_samples=200))
+    return Results(read_runs(root / "data/runs"), Uncertainty(bootstrap_samples=200))
 
 
 def claim(root: Path, name: str) -> Claim:

@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.report.data.hand_inputs import Difficulty, HandInputs, read_hand
-from hdsafebo.report.data.inputs import Frame, read_inputs
+from hdsafebo.report.data.hand_inputs import HandInputs, StoredDifficulty, read_hand
+from hdsafebo.report.data.inputs import StoredPicture, read_inputs
 from hdsafebo.report.data.results import Results
 from hdsafebo.report.sections.base import Text
 from hdsafebo.report.sections.hand import hand_section
@@ -129,7 +129,7 @@ def test_section_tells_difficulty_policies_and_who_is_upright(tmp_path: Path) ->
     assert "walks of 300 Gaussian steps" in told
     assert "In the informed setting every method models no_drop" in told
     assert "not in the run files of Sobol" in told
-    strips = [block for block in found if isinstance(block, Frame)]
+    strips = [block for block in found if isinstance(block, StoredPicture)]
     assert [strip.data for strip in strips] == [b"\x89PNG strip"]
     assert strips[0].title == "HdSafeBO-local, seed 3: return 423; upright, tilt at the end 0.120 rad"
     [who] = [block for block in found if isinstance(block, Table) and block.name == "upright_hand"]
@@ -151,7 +151,7 @@ def test_nothing_was_made(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("content", ["{", "{}"])
 def test_malformed_files_are_errors(tmp_path: Path, content: str) -> None:
-    assert Difficulty.model_validate(DIFFICULTY).policies == 200
+    assert StoredDifficulty.model_validate(DIFFICULTY).policies == 200
     (tmp_path / "data/synergies").mkdir(parents=True)
     (tmp_path / "data/synergies/random_policies.json").write_text(content)
     with pytest.raises(DatasetError, match=r"random_policies\.json"):

@@ -9,7 +9,7 @@ import pytest
 
 from hdsafebo.report.claims.base import Claim
 from hdsafebo.report.claims.own import own_claims
-from hdsafebo.report.data.results import Results, Settings
+from hdsafebo.report.data.results import Results, Uncertainty
 from hdsafebo.runs.read import read_runs
 from report.run_files import trial_table, write_run
 
@@ -30,7 +30,7 @@ def stimulation(root: Path, method: str, reach: float, unsafe: int) -> None:
 
 
 def claims(root: Path) -> dict[str, Claim]:
-    results = Results(read_runs(root / "data/runs"), Settings(bootstrap_samples=200))
+    results = Results(read_runs(root / "data/runs"), Uncertainty(bootstrap_samples=200))
     return {claim.name: claim for claim in own_claims(results)}
 
 

@@ -19,7 +19,7 @@ from hdsafebo.pipeline.stage import COSTS_FILE
 from hdsafebo.report.build import build_report
 from hdsafebo.report.data.evidence import rounded
 from hdsafebo.report.data.planned import planned_runs
-from hdsafebo.report.data.results import Settings
+from hdsafebo.report.data.results import Uncertainty
 from hdsafebo.report.headline import _claims
 from hdsafebo.report.marked import write_marked
 from hdsafebo.report.reference import COSTS, keep_reference, report_from
@@ -74,7 +74,7 @@ def test_the_report_is_built_again_from_the_evidence_alone(project: Path, tmp_pa
 
 def test_its_numbers_are_those_of_the_run_files(project: Path, tmp_path: Path) -> None:
     params = load_params(project / "params.yaml")
-    settings = Settings(**params.report.model_dump())
+    settings = Uncertainty(**params.report.model_dump())
     whole = build_report(
         project,
         profile="smoke",

@@ -11,7 +11,7 @@ import numpy as np
 
 from hdsafebo.errors import ParamsError
 from hdsafebo.files.yaml import write_mapping
-from hdsafebo.session.log.state import Suggestion, Trial
+from hdsafebo.session.log.state import LoggedSuggestion, LoggedTrial
 from hdsafebo.session.patient.month import example_definition
 from hdsafebo.session.session import Session
 from hdsafebo.session.spaces.space import Report
@@ -66,17 +66,17 @@ def write_box_files(folder: Path, kind: str = "box", n: int = 8) -> tuple[Path, 
     return definition, initial
 
 
-def measured(trial: Trial) -> Report:
+def measured(trial: LoggedTrial) -> Report:
     """What the bowl gives for a trial."""
     return Report(values=bowl(trial.point["values"]))
 
 
-def approve_open(session: Session) -> Trial:
+def approve_open(session: Session) -> LoggedTrial:
     """Approve the open suggestion."""
     return session.approve("ann", session.state.suggestions[-1].number)
 
 
-def refuse_open(session: Session, reason: str) -> Suggestion:
+def refuse_open(session: Session, reason: str) -> LoggedSuggestion:
     """Refuse the open suggestion."""
     return session.refuse("ann", reason, session.state.suggestions[-1].number)
 

@@ -69,8 +69,8 @@ def _nothing_is_lost(session: Session, acknowledged: list[str]) -> None:
     assert len(session.state.suggestions) - len(decided) in (0, 1)  # only the last may still be open
 
 
-def test_killed_ten_times(make_session: Make, project_root: Path) -> None:
-    kill_again_and_again(make_session(), project_root, kills=10, seed=0)
+def test_killed_five_times(make_session: Make, project_root: Path) -> None:
+    kill_again_and_again(make_session(), project_root, kills=5, seed=0)
 
 
 @pytest.mark.slow

@@ -455,3 +455,34 @@ def _walk(browser: Browser, served: Served, session: Session, patient: Any, fold
     browser.picture(folder / "page.png")
     # the browser notes each refused request as an error of its own; nothing else may be there
     assert [e for e in browser.errors() if "422" not in e] == []
+
+
+@needs_browser
+def test_the_page_of_three_robots_records_in_any_order(make_session: Any, tmp_path: Path) -> None:
+    inputs = [{"name": n, "lower": low, "upper": 1.0} for n, low in (("a", 0.0), ("b", 0.0), ("c", -1.0))]
+    session = make_session(inputs=inputs, at_once=3)
+    served = Served(session.store.directory)
+    try:
+        with Browser(tmp_path / "profile") as browser:
+            browser.open(served.address)
+            wait_for(lambda: browser.text("#title") == "Ready", "the page")
+            browser.type("#who", "ann")
+            for _ in range(2):
+                browser.click("button[data-step=Suggest]")
+                wait_for(lambda: "Suggestion" in browser.text("#title"), "a suggestion")
+                browser.click("button[data-step=Approve]")
+                wait_for(lambda: browser.text("#title") == "Ready", "room for another trial")
+            browser.click('button[data-step="Record trial 10"]')
+            wait_for(lambda: "Trial 10" in browser.text("#title"), "its form")
+            for name, value in (("speed", "0.9"), ("economy", "-0.5"), ("margin", "0.1")):
+                browser.type(f"#entries input[name={name}]", value)
+            browser.click("button[data-step=Record]")
+            wait_for(lambda: browser.text("#title") == "Ready", "the record")
+            assert [t["number"] for t in served.status()["running"]] == [9]
+            assert "Record trial 9" in browser.text("#buttons")
+            wait_for(
+                lambda: browser.run("return document.querySelectorAll('#slices img').length") == 3, "slices"
+            )
+            assert browser.errors() == []
+    finally:
+        served.stop()

@@ -10,7 +10,7 @@ import pytest
 
 from hdsafebo.errors import ParamsError
 from hdsafebo.files.yaml import read_mapping, write_mapping
-from hdsafebo.session.candidates.stimulation_set import StimulationSet, enumerate_polarities
+from hdsafebo.session.candidates.stimulation_set import SessionStimulationSet, enumerate_polarities
 from hdsafebo.session.create import create_session
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
 from hdsafebo.session.errors import LimitError, ProtocolError, RecordingError
@@ -106,7 +106,7 @@ def random_proposals(n: int, data: dict[str, object]) -> int:
     definition = parse_definition(data)
     assert isinstance(definition, StimulationDefinition)
     space = StimulationSpace(definition)
-    rows = StimulationSet(definition.priors, space.envelope, as_maps=True)
+    rows = SessionStimulationSet(definition.priors, space.envelope, as_maps=True)
     rng = np.random.default_rng(0)
     breaches = done = 0
     taken: list[int] = []
@@ -298,7 +298,7 @@ def test_the_papers_way_through_an_embedding(
     write_mapping(definition, data, ParamsError)
     parsed = parse_definition(data)
     assert isinstance(parsed, StimulationDefinition)
-    rows = StimulationSet(parsed.priors, StimulationSpace(parsed).envelope, as_maps=True)
+    rows = SessionStimulationSet(parsed.priors, StimulationSpace(parsed).envelope, as_maps=True)
     maps = rows.inputs(np.arange(0, rows.size))
     embedding = tmp_path / "pca.safetensors"
     make_embedding("pca", latent_dim=8).fit(maps, rng=np.random.default_rng(0)).save(embedding)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from hdsafebo import Limit, Objective, Real, Study
-from hdsafebo.errors import NoSafePointError, ParamsError, ProblemError, TrialError
+from hdsafebo.errors import NoSafePointError, OptimisticWarning, ParamsError, ProblemError, TrialError
 from hdsafebo.system.errors import DescriptionError, TableError
 from system.small import (
     box_starts,
@@ -175,7 +177,7 @@ def test_lists_of_settings() -> None:
 
 def test_a_row_may_be_tried_again_under_another_context() -> None:
     rows = {"a": [1.0, 2.0, 3.0], "b": [1.0, 2.0, 3.0]}
-    study = Study(box_system(settings=rows, contexts=[Real("wind", 0, 1)]), alpha=0.6)
+    study = Study(box_system(settings=rows, contexts=[Real("wind", 0, 1)]), alpha=0.6, empty_safe_set="mark")
     study.observe([{"a": v, "b": v, "wind": 0.1 * v} | run_box({"a": v, "b": v}) for v in (1.0, 2.0, 3.0)])
     asked = study.ask(3, context={"wind": 0.4})
     assert sorted(asked["a"]) == [1.0, 2.0, 3.0]
@@ -216,11 +218,12 @@ def test_known_noise_is_the_models_noise() -> None:
     study.observe(rows)
     process = study.optimizer.surrogate.objective
     assert process.noise_variance * process.outcomes.unit**2 >= 4.0 - 1e-9, "of a warped model the least"
-    plain = Study(box_system(objective=Objective("gain", noise=2.0)), isotropic=True)
+    stepped = [Real("a", 0, 10, step=0.01), Real("b", 0, 10)]  # has isotropic models
+    plain = Study(box_system(objective=Objective("gain", noise=2.0), parameters=stepped))
     plain.observe(rows)
     gp = plain.optimizer.surrogate.objective
     assert gp.hyper.noise_ratio * gp.signal_deviation**2 == pytest.approx(4.0)
-    single = Study(box_system(), isotropic=True)
+    single = Study(box_system(parameters=stepped))
     single.observe([r | {"gain_noise": 1.0 if i else 5.0} for i, r in enumerate(rows)])
     gp = single.optimizer.surrogate.objective
     np.testing.assert_allclose(gp.noise_ratios * gp.signal_deviation**2, [25.0] + [1.0] * 29)
@@ -241,9 +244,23 @@ def test_from_unsafe_starts_nothing_is_suggested_and_the_message_says_what_to_do
     assert study.best() is None
     with pytest.raises(NoSafePointError, match="report a safe trial"):
         study.ask()
+    assert study.safest() is None
     marking = Study(box_system(), alpha=0.95, empty_safe_set="mark")
     marking.observe([{"a": v, "b": v} | run_box({"a": v, "b": v}) for v in (7.0, 8.0, 9.0)])
     assert marking.ask().marked_unsafe
+
+
+def test_where_nothing_new_is_believed_safe_the_safest_known_trial_is_named() -> None:
+    study = Study(box_system(limits=[Limit("load", at_most=12, noise=3.0)]), alpha=0.99)
+    study.observe([{"a": 3.0 + 0.1 * i, "b": 3.0, "gain": 0.0, "load": 11.0 - 0.1 * i} for i in range(6)])
+    with pytest.raises(NoSafePointError, match=r"believed safe.*trial . is the safest.*to observe") as raised:
+        study.ask()
+    safest = study.safest()
+    assert safest is not None
+    assert f"trial {safest.trial} is the safest" in str(raised.value)
+    assert str(safest.setting) in str(raised.value)
+    known = study.predict(study.to_dataframe()[["a", "b"]])["safe_probability"]
+    assert safest.safe_probability == pytest.approx(known.max())
 
 
 @pytest.mark.parametrize("method", ["cei", "scbo", "safeopt", "cmaes"])
@@ -252,15 +269,23 @@ def test_methods_that_cannot_hold_contexts_say_so(method: str) -> None:
         Study(mixed_system(), method=method)
 
 
-@pytest.mark.parametrize("method", ["hdsafebo", "linebo", "scbo", "cei", "cmaes", "sobol"])
-def test_every_method_lands_where_it_can_be_run(method: str) -> None:
-    study = Study(
-        mixed_system(contexts=()), method=method, **({"alpha": 0.9} if method == "hdsafebo" else {})
-    )
+@pytest.mark.parametrize("method", ["hdsafebo", "linebo", "scbo", "cei", "turbo", "cmaes", "sobol"])
+def test_every_method_lands_where_it_can_be_run_and_is_judged_there(method: str) -> None:
+    promises = method in ("hdsafebo", "linebo", "cei")
+    with nullcontext() if promises else pytest.warns(OptimisticWarning, match=f"{method} promises no safety"):
+        study = Study(mixed_system(contexts=()), method=method, **({"alpha": 0.9} if promises else {}))
     study.observe([{k: v for k, v in r.items() if k != "load"} for r in mixed_starts()])
+    before = study.optimizer.surrogate
     asked = study.ask(3)
     assert (3 * asked["pulses"] + asked["angle"] <= 40).all()
     assert (asked["angle"] * 2 == (asked["angle"] * 2).round()).all()
+    x = study.optimizer.trials.x[asked.index]
+    believed = before.safe_probability(study.optimizer.kernel_inputs(study.optimizer.trials[asked.index]))
+    np.testing.assert_allclose(asked["safe_probability"], believed, atol=1e-9)
+    np.testing.assert_array_equal(x, study.optimizer.problem.land(x))
+    results = [run_mixed(row, {"load": 1.0}) for row in asked.to_dict("records")]
+    study.tell(pd.DataFrame(results, index=asked.index))
+    study.ask()
 
 
 def test_settings_are_checked() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 ORDER = (
     "arm_gains", "gripper_mixed", "crane_payload", "own_black_box", "any_environment", "compare_methods",
-    "read_runs", "plants",
+    "read_runs", "plants", "session_robots",
 )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.bodies.simulation import CONTROL_INTERVAL, Measured, StandingSimulation
+from hdsafebo.bodies.simulation import CONTROL_INTERVAL, BodyMeasurement, StandingSimulation
 from hdsafebo.errors import ProblemError
 
 HORIZON = 500
@@ -128,12 +128,12 @@ class PushedBodyEnv(gym.Env[Observation, Action]):
             self._renderer = None
 
 
-def _shown(seen: Measured) -> Observation:
+def _shown(seen: BodyMeasurement) -> Observation:
     """The observation of what is seen."""
     return np.clip(seen.vector, -OBSERVATION_LIMIT, OBSERVATION_LIMIT).astype(np.float32)
 
 
-def _reward(seen: Measured, effort: float) -> float:
+def _reward(seen: BodyMeasurement, effort: float) -> float:
     """Of one control step: 1 for standing, less what sways, tilts, moves and costs."""
     sway = float(seen.offset @ seen.offset)
     speed = float(np.mean(seen.speeds**2))

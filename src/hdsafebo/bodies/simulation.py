@@ -25,7 +25,7 @@ _BAD_STATE = (
 
 
 @dataclass(frozen=True)
-class Measured:
+class BodyMeasurement:
     """What is seen of the body after a control step.
 
     Attributes:
@@ -74,7 +74,7 @@ class StandingSimulation:
         self.body.start(self.data)
         self._centre = self._over_feet()
 
-    def reset(self, push: FloatArray, disturbance: FloatArray | None = None) -> Measured:
+    def reset(self, push: FloatArray, disturbance: FloatArray | None = None) -> BodyMeasurement:
         """Begin an episode: the posture, muscles as they hold it, and a push.
 
         Args:
@@ -91,19 +91,19 @@ class StandingSimulation:
         self.steps = 0
         return self.measure()
 
-    def step(self, excitation: FloatArray) -> Measured:
+    def step(self, excitation: FloatArray) -> BodyMeasurement:
         """Apply (muscles,) excitations in [0, 1] for one control interval."""
         self.data.ctrl[:] = excitation
         mujoco.mj_step(self.body.mj, self.data, self._substeps)
         self.steps += 1
         return self.measure()
 
-    def measure(self) -> Measured:
+    def measure(self) -> BodyMeasurement:
         """What is seen of the body now."""
         body, data = self.body, self.data
         mujoco.mj_subtreeVel(body.mj, data)
         up = data.xmat[body.pelvis].reshape(3, 3) @ body.upright
-        return Measured(
+        return BodyMeasurement(
             angles=data.qpos[body.angles] - body.posture[body.angles],
             speeds=data.qvel[body.speeds].copy(),
             height=float(data.xpos[body.pelvis, 2] - body.height),
@@ -114,7 +114,7 @@ class StandingSimulation:
             drift=data.subtree_linvel[body.root, :2].copy(),
         )
 
-    def fallen(self, seen: Measured) -> bool:
+    def fallen(self, seen: BodyMeasurement) -> bool:
         """Whether the pelvis is too low or too far from upright."""
         return seen.height < (LEAST_HEIGHT - 1.0) * self.body.height or seen.tilt > MOST_TILT
 

@@ -11,7 +11,7 @@ from hdsafebo.typing import FloatArray
 
 
 @dataclass(frozen=True)
-class PolicySpace:
+class LinearPolicySpace:
     """The linear policies a = clip(base + basis' W o, 0, 1) (paper, section 5.2), W being what is optimised.
 
     With the identity as basis, W has one row per muscle: the original space, 3575 weights for 55 muscles
@@ -38,7 +38,7 @@ class PolicySpace:
             raise HandModelError("base or basis of the policies is not finite")
 
     @classmethod
-    def original(cls, base: FloatArray, observations: int) -> PolicySpace:
+    def original(cls, base: FloatArray, observations: int) -> LinearPolicySpace:
         """One row of weights per muscle."""
         return cls(base, np.eye(len(base)), observations)
 

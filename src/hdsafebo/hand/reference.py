@@ -17,7 +17,7 @@ from safetensors.numpy import save_file
 
 from hdsafebo.errors import HandModelError
 from hdsafebo.files.atomic import write_json
-from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.policy import LinearPolicySpace
 from hdsafebo.hand.rollout import Episodes, Scene, episode
 from hdsafebo.hand.scene.model import HandModel
 from hdsafebo.typing import FloatArray
@@ -80,7 +80,7 @@ class Difficulty:
 
 
 def observation_moment(
-    scene: Scene, space: PolicySpace, parameters: FloatArray, executor: Executor | None = None
+    scene: Scene, space: LinearPolicySpace, parameters: FloatArray, executor: Executor | None = None
 ) -> FloatArray:
     """(observations, observations) mean of o o' over all control steps of the policies' episodes.
 
@@ -95,7 +95,7 @@ def observation_moment(
     return np.asarray(sum(total for total, _ in moments) / sum(steps for _, steps in moments))
 
 
-def _moment(job: tuple[Scene, PolicySpace, FloatArray]) -> tuple[FloatArray, int]:
+def _moment(job: tuple[Scene, LinearPolicySpace, FloatArray]) -> tuple[FloatArray, int]:
     """Sum of o o' over an episode, and its number of control steps."""
     scene, space, weights = job
     seen = np.array([observation for observation, _, _ in episode(scene.simulation(), space, weights)])

@@ -16,7 +16,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.policy import LinearPolicySpace
 from hdsafebo.hand.scene.model import Variant, hand_model
 from hdsafebo.hand.simulation import HORIZON, BottleSimulation, Step
 from hdsafebo.typing import FloatArray
@@ -102,7 +102,7 @@ class Episodes:
 
 
 def evaluate_policies(
-    scene: Scene, space: PolicySpace, parameters: FloatArray, executor: Executor | None = None
+    scene: Scene, space: LinearPolicySpace, parameters: FloatArray, executor: Executor | None = None
 ) -> Episodes:
     """Run one episode per policy.
 
@@ -120,7 +120,7 @@ def evaluate_policies(
     return _collect(rows)
 
 
-def policy_excitations(scene: Scene, space: PolicySpace, parameters: FloatArray) -> FloatArray:
+def policy_excitations(scene: Scene, space: LinearPolicySpace, parameters: FloatArray) -> FloatArray:
     """(steps, muscles) excitations of one policy, (dimension,), in its episode: what pictures replay."""
     weights = space.weights(np.atleast_2d(parameters))[0]
     simulation = scene.simulation()
@@ -128,7 +128,7 @@ def policy_excitations(scene: Scene, space: PolicySpace, parameters: FloatArray)
 
 
 def episode(
-    simulation: BottleSimulation, space: PolicySpace, weights: FloatArray
+    simulation: BottleSimulation, space: LinearPolicySpace, weights: FloatArray
 ) -> Iterator[tuple[FloatArray, FloatArray, Step]]:
     """Run one episode of a policy, step by step.
 
@@ -169,7 +169,7 @@ def _collect(rows: Sequence[tuple[float, float, float, bool, float, float, int, 
 
 
 def _outcome(
-    job: tuple[Scene, PolicySpace, FloatArray],
+    job: tuple[Scene, LinearPolicySpace, FloatArray],
 ) -> tuple[float, float, float, bool, float, float, int, str | None]:
     """Outcome of one policy: the columns of `Episodes`."""
     scene, space, weights = job

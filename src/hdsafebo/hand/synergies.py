@@ -13,7 +13,7 @@ from safetensors.numpy import save_file
 
 from hdsafebo.errors import DatasetError, HandModelError
 from hdsafebo.files.atomic import write_json
-from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.policy import LinearPolicySpace
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.scene.model import HandModel
 from hdsafebo.typing import FloatArray
@@ -96,7 +96,7 @@ def fit_synergies(activations: pd.DataFrame, hand: HandModel, components: int = 
     )
 
 
-def synergy_policies(scene: Scene, synergies: Synergies, count: int) -> PolicySpace:
+def synergy_policies(scene: Scene, synergies: Synergies, count: int) -> LinearPolicySpace:
     """The policies over the leading synergies.
 
     The zero policy keeps the activations of the start pose: it holds the bottle loosely and does not
@@ -109,7 +109,7 @@ def synergy_policies(scene: Scene, synergies: Synergies, count: int) -> PolicySp
         count: leading components.
     """
     simulation = scene.simulation()
-    return PolicySpace(simulation.pose.activation, synergies.first(count), simulation.observer.size)
+    return LinearPolicySpace(simulation.pose.activation, synergies.first(count), simulation.observer.size)
 
 
 def save_synergies(path: Path, synergies: Synergies) -> None:

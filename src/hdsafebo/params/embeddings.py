@@ -46,7 +46,7 @@ class IsometryFloors(Block):
     round_trip_held_out_currents: Share | None = None
 
 
-class Isometry(Block):
+class IsometryParams(Block):
     """The check that runs before anything is optimised over an embedding.
 
     Attributes:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import Field, field_validator, model_validator
 
 from hdsafebo.params.base import Block, Count
-from hdsafebo.params.embeddings import Digits, Embeddings, Isometry
+from hdsafebo.params.embeddings import Digits, Embeddings, IsometryParams
 from hdsafebo.params.hand import Hand
 from hdsafebo.params.methods import MethodBlock, with_algorithms
 from hdsafebo.params.spinal import Spinal
@@ -36,7 +36,7 @@ class Tracking(Block):
     enabled: bool = True
 
 
-class Report(Block):
+class ReportParams(Block):
     """How the report states uncertainty.
 
     Attributes:
@@ -64,13 +64,13 @@ class Params(Block):
     spinal: Spinal = Spinal()
     hand: Hand = Hand()
     embeddings: Embeddings = Embeddings()
-    isometry: Isometry = Isometry()
+    isometry: IsometryParams = IsometryParams()
     digits: Digits = Digits()
     tasks: Tasks
     methods: dict[str, MethodBlock]
     compute: Compute = Compute()
     tracking: Tracking = Tracking()
-    report: Report = Report()
+    report: ReportParams = ReportParams()
 
     @field_validator("methods", mode="before")
     @classmethod

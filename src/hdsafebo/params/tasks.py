@@ -58,7 +58,7 @@ class Family(Block):
     settings: dict[str, MethodSettings] = {}
 
 
-class SyntheticProblem(Block):
+class SyntheticParams(Block):
     """Objective and safety drawn from Gaussian processes (paper, section 5.1 and appendix).
 
     Attributes:
@@ -80,7 +80,7 @@ class SyntheticProblem(Block):
     with_replacement: bool = False
 
     @model_validator(mode="after")
-    def _nested(self) -> SyntheticProblem:
+    def _nested(self) -> SyntheticParams:
         if not self.effective_dimension <= self.latent_dimension <= self.dimension:
             raise ValueError(
                 "expected effective_dimension <= latent_dimension <= dimension, got "
@@ -96,7 +96,7 @@ class SyntheticTask(Family):
         problem: what is optimised.
     """
 
-    problem: SyntheticProblem = SyntheticProblem()
+    problem: SyntheticParams = SyntheticParams()
 
 
 HandSafety = Literal["landing_speed", "no_drop", "handling_speed"]

@@ -48,7 +48,7 @@ def tracking_uri(home: Path) -> str:
     return os.environ.get("MLFLOW_TRACKING_URI") or default_uri(home)
 
 
-class Store:
+class MlflowStore:
     """Calls of the store, none of which may hold the stage for long.
 
     Attributes:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from hdsafebo.errors import ParamsError
 from hdsafebo.files.yaml import read_mapping
 from hdsafebo.pipeline.provenance import digest_json, digest_paths, git_state, stage_dependencies
-from hdsafebo.pipeline.store import Store, home_of
+from hdsafebo.pipeline.store import MlflowStore, home_of
 
 if TYPE_CHECKING:
     from mlflow.tracking import MlflowClient
@@ -55,7 +55,7 @@ class Tracker:
         self.stage = stage
         self.root = root
         self._home = home_of(root)
-        self._store = Store(self._home)
+        self._store = MlflowStore(self._home)
         self.enabled = enabled
         self._params = dict(params)
         self._experiment_name = PIPELINE_EXPERIMENT

@@ -32,7 +32,7 @@ from hdsafebo.policies import GymnasiumPolicies
 from hdsafebo.policies.safety import EpisodeSafety, budget, lasts
 from hdsafebo.policies.synergies import ActionSynergies
 from hdsafebo.problem import Codec
-from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.knowledge import TaskKnowledge
 from hdsafebo.problems.reflexes import EXCITATION_UNIT, ReflexDesign, ReflexGainsProblem, as_action
 from hdsafebo.problems.registry import Task
 from hdsafebo.typing import FloatArray
@@ -160,11 +160,11 @@ def load_observations(path: Path) -> FloatArray:
         raise ProblemError(f"{path}: cannot be read: {error}; run the stage record_body") from error
 
 
-def _knowledge(settings: BodyProblem, policies: GymnasiumPolicies) -> Knowledge:
+def _knowledge(settings: BodyProblem, policies: GymnasiumPolicies) -> TaskKnowledge:
     """What the methods are given, in words."""
     joints = len(posture_of(settings.body).inertia)
     over_torques, all_weights = joints * (policies.policies.observations + 1), policies.policies.dimension
-    return Knowledge(
+    return TaskKnowledge(
         latent_space=f"{over_torques:,} weights over {joints} joint-torque synergies, or the six gains of a "
         f"reflex, for methods whose names say so; the others search all {all_weights:,} weights",
         kernel_features=f"muscle excitations along {_DIRECTIONS} main directions, at the {_DIRECTIONS} main "

@@ -13,7 +13,7 @@ from hdsafebo.params import Params
 from hdsafebo.problem import Codec, Problem, Safety
 from hdsafebo.problems.digit_images import DigitImages, load_digit_images
 from hdsafebo.problems.digit_predictor import DigitPredictor
-from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.knowledge import TaskKnowledge
 from hdsafebo.problems.registry import INFORMED_SUFFIX, Task, is_informed
 from hdsafebo.trials import Evaluation, Trials
 from hdsafebo.typing import FloatArray, IntArray
@@ -111,7 +111,7 @@ def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
         log_odds=informed,
         name=name,
     )
-    knowledge = Knowledge(
+    knowledge = TaskKnowledge(
         latent_space=f"{codes.shape[1]} codes of {embedding.name}, the box of the codes of all images",
         safety=f"recognition_probability, {'the logarithm of its odds' if informed else 'as it is'}",
     )

@@ -31,13 +31,13 @@ from pathlib import Path
 import numpy as np
 
 from hdsafebo.errors import HandModelError, UnknownNameError
-from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.policy import LinearPolicySpace
 from hdsafebo.hand.reference import behaviour_map, load_moment
 from hdsafebo.hand.rollout import UPRIGHT_TILT, Episodes, Scene, evaluate_policies
 from hdsafebo.hand.synergies import load_synergies, synergy_policies
 from hdsafebo.params import HandProblem, Params
 from hdsafebo.problem import Codec, Problem, Safety
-from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.knowledge import TaskKnowledge
 from hdsafebo.problems.registry import Task, is_informed
 from hdsafebo.trials import Evaluation, Trials
 from hdsafebo.typing import FloatArray, IntArray
@@ -57,7 +57,7 @@ class SynergyCodec:
         space: the policies over synergies; its basis has orthonormal rows.
     """
 
-    space: PolicySpace
+    space: LinearPolicySpace
 
     def decode(self, z: FloatArray) -> FloatArray:
         """(n, D) policies with one row per muscle."""
@@ -86,7 +86,7 @@ class HandPolicies(Problem):
     def __init__(
         self,
         scene: Scene,
-        synergies: PolicySpace,
+        synergies: LinearPolicySpace,
         box: float,
         safety: tuple[Safety, ...],
         features: Callable[[FloatArray], FloatArray] | None = None,
@@ -95,7 +95,7 @@ class HandPolicies(Problem):
         self.name = name
         self.scene = scene
         self.codec = SynergyCodec(synergies)
-        self.space = PolicySpace.original(synergies.base, synergies.observations)
+        self.space = LinearPolicySpace.original(synergies.base, synergies.observations)
         self.box = box
         self.safety = safety
         self.features = features
@@ -191,10 +191,10 @@ def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
     )
 
 
-def _knowledge(params: Params, modelled: Sequence[str], *, informed: bool) -> Knowledge:
+def _knowledge(params: Params, modelled: Sequence[str], *, informed: bool) -> TaskKnowledge:
     """What the methods are given, in words."""
     synergies, directions = params.hand.synergies, params.tasks.hand.informed.directions
-    return Knowledge(
+    return TaskKnowledge(
         latent_space=f"weights over {synergies.count} synergies, each at most {synergies.box:g} in size",
         kernel_features=(
             f"muscle drives along the {directions} main directions of reference observations"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import HandModelError
-from hdsafebo.hand.policy import PolicySpace
+from hdsafebo.hand.policy import LinearPolicySpace
 from hdsafebo.hand.rollout import Scene, evaluate_policies, policy_excitations
 from hdsafebo.hand.synergies import load_synergies, synergy_policies
 from hdsafebo.params.hand import Hand
@@ -66,7 +66,7 @@ def replay(hand: Hand, z: NDArray[np.float64], *, latent: bool, root: Path) -> R
                 f"{hand.synergies.count} x {space.observations} weights over synergies"
             )
         z = space.to_original(z[None])[0]  # as the task evaluates it
-    original = PolicySpace.original(space.base, space.observations)
+    original = LinearPolicySpace.original(space.base, space.observations)
     outcome = evaluate_policies(scene, original, z[None])
     failure = outcome.failures[0]
     return Replay(

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class TaskKnowledge:
     """What a task gives to its methods, each in words for the report; None where a task gives nothing.
 
     A method takes what it can use (`Optimizer.uses` names these fields), and the report says what it leaves.

@@ -15,7 +15,7 @@ from pathlib import Path
 from hdsafebo.errors import UnknownNameError
 from hdsafebo.params import Params, Space
 from hdsafebo.problem import Codec, Problem
-from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.knowledge import TaskKnowledge
 from hdsafebo.typing import FloatArray
 
 INFORMED_SUFFIX = "_informed"
@@ -40,7 +40,7 @@ class Task:
     embedding: Callable[[FloatArray], Codec] | None
     inputs: tuple[str, ...] = ()
     latent_bounds: FloatArray | None = None
-    knowledge: Knowledge = field(default_factory=Knowledge)
+    knowledge: TaskKnowledge = field(default_factory=TaskKnowledge)
     spaces: Mapping[Space, Task] = field(default_factory=dict)
 
 

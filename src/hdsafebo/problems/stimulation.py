@@ -25,7 +25,7 @@ from hdsafebo.embeddings.registry import load_embedding
 from hdsafebo.errors import DatasetError, UnknownNameError
 from hdsafebo.params import Params
 from hdsafebo.problem import Problem, Safety
-from hdsafebo.problems.knowledge import Knowledge
+from hdsafebo.problems.knowledge import TaskKnowledge
 from hdsafebo.problems.registry import INFORMED_SUFFIX, Task, is_informed
 from hdsafebo.spinal.configurations import CONFIGURATIONS, enumerate_configurations
 from hdsafebo.spinal.field_map import PIXELS, REFERENCE_CURRENT_MA, field_maps, unit_potentials
@@ -215,7 +215,7 @@ def _as_in_the_paper(problem: SelectiveStimulation, embedding: Embedding, file: 
         lambda initial: embedding,
         inputs=(DATASET_FILE, file),
         latent_bounds=embedding.code_box,
-        knowledge=Knowledge(
+        knowledge=TaskKnowledge(
             latent_space=(
                 f"{embedding.latent_dim} codes of {embedding.name}, the box of the codes that it was trained "
                 "on"
@@ -233,7 +233,7 @@ def _informed(problem: SelectiveStimulation, components: int) -> Task:
         lambda initial: codec,
         inputs=(DATASET_FILE,),
         latent_bounds=np.stack([codec.codes.min(axis=0), codec.codes.max(axis=0)]),
-        knowledge=Knowledge(
+        knowledge=TaskKnowledge(
             latent_space=(
                 f"{components} principal components of the responses of axons "
                 f"({100 * codec.share:.1f} % of their variance), the box of all rows"

@@ -85,14 +85,14 @@ def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
     It has one setting: the paper's is all that is known of a drawn function.
     """
     from hdsafebo.errors import UnknownNameError
-    from hdsafebo.problems.knowledge import Knowledge
+    from hdsafebo.problems.knowledge import TaskKnowledge
     from hdsafebo.problems.registry import Task
 
     if name != "synthetic":
         raise UnknownNameError("task", name, ["synthetic"])
     settings = params.tasks.synthetic.problem
     problem = SyntheticProblem(seed, **settings.model_dump())
-    knowledge = Knowledge(
+    knowledge = TaskKnowledge(
         latent_space=(
             f"{settings.latent_dimension} principal components of the initial trials, the box of their codes"
         ),

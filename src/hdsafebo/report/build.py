@@ -15,7 +15,7 @@ from hdsafebo.report.data.inputs import Inputs, read_inputs
 from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.data.metrics import METRIC_LABELS
 from hdsafebo.report.data.planned import read_planned
-from hdsafebo.report.data.results import Results, Settings
+from hdsafebo.report.data.results import Results, Uncertainty
 from hdsafebo.report.figures.workflow import workflow_figure
 from hdsafebo.report.formatting import with_error
 from hdsafebo.report.outputs import curve_table, summary, write_summary
@@ -52,7 +52,7 @@ def build_report(
     git_revision: str | None,
     planned: Collection[tuple[str, str]] | None = None,
     isometry_points: int | None = None,
-    settings: Settings | None = None,
+    settings: Uncertainty | None = None,
     runs: Path | None = None,
     output: Path | None = None,
 ) -> dict[str, Any]:
@@ -76,7 +76,7 @@ def build_report(
     """
     folder_of_runs = root / RUNS if runs is None else runs
     files, left_out = read_planned(folder_of_runs, planned)
-    results = Results(files, settings or Settings())
+    results = Results(files, settings or Uncertainty())
     inputs = read_inputs(root, folder_of_runs)
     claims = paper_claims(results, inputs.isometry, inputs.stimulation)
     own = own_claims(results)

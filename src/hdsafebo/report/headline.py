@@ -14,7 +14,7 @@ from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS
 from hdsafebo.report.data.inputs import read_inputs
 from hdsafebo.report.data.outside import OUTSIDE, is_close, outside_label, read_outside
 from hdsafebo.report.data.planned import planned_runs, read_planned
-from hdsafebo.report.data.results import Results, Settings
+from hdsafebo.report.data.results import Results, Uncertainty
 
 LOCAL, PAPER = "hdsafebo_local", "hdsafebo"
 _BENCHMARKS = Path("reports/reference/benchmarks")
@@ -100,7 +100,7 @@ def _claims(evidence: Path) -> tuple[str, str, str]:
         return asked, "not graded yet: the kept run is of an earlier comparison", link
     params = load_params(evidence / PARAMS)
     runs, _ = read_planned(evidence / RUNS, planned_runs(params))
-    results = Results(runs, Settings(**params.report.model_dump()))
+    results = Results(runs, Uncertainty(**params.report.model_dump()))
     inputs = read_inputs(evidence / INPUTS, evidence / RUNS)
     claims = paper_claims(results, inputs.isometry, inputs.stimulation)
     counts = Counter(STATUS_LABELS[next(iter(c.verdicts.values())).status] for c in claims)

@@ -13,7 +13,7 @@ from hdsafebo.params import load_params
 from hdsafebo.report.build import build_report
 from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS, keep_evidence, read_provenance
 from hdsafebo.report.data.planned import planned_runs
-from hdsafebo.report.data.results import Settings
+from hdsafebo.report.data.results import Uncertainty
 from hdsafebo.report.published import publish
 
 COSTS = ".journal/stage_costs.jsonl"
@@ -70,7 +70,7 @@ def report_from(evidence: Path, output: Path) -> dict[str, Any]:
         git_revision=read_provenance(evidence).get("revision"),
         planned=planned_runs(params),
         isometry_points=params.isometry.points,
-        settings=Settings(**params.report.model_dump()),
+        settings=Uncertainty(**params.report.model_dump()),
         runs=evidence / RUNS,
         output=output,
     )

@@ -13,7 +13,7 @@ from hdsafebo.report.data.inputs import read_inputs
 from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.data.outside import outside_label, read_outside
 from hdsafebo.report.data.planned import planned_runs, read_planned
-from hdsafebo.report.data.results import Results, Settings
+from hdsafebo.report.data.results import Results, Uncertainty
 from hdsafebo.report.formatting import number, with_error
 
 NO_RUN = (
@@ -88,7 +88,7 @@ def _read(evidence: Path) -> tuple[Results, str, str]:
     params = load_params(evidence / PARAMS)
     runs, _ = read_planned(evidence / RUNS, planned_runs(params))
     revision = read_provenance(evidence).get("revision") or "an unknown revision"
-    return Results(runs, Settings(**params.report.model_dump())), params.profile, str(revision)
+    return Results(runs, Uncertainty(**params.report.model_dump())), params.profile, str(revision)
 
 
 def _table(results: Results, task: str) -> list[str]:

@@ -13,7 +13,7 @@ from hdsafebo.session.stream_option import ASK, add_stream_options, asked_values
 from hdsafebo.session.words import whole_number
 
 if TYPE_CHECKING:
-    from hdsafebo.session.log.state import Trial
+    from hdsafebo.session.log.state import LoggedTrial
     from hdsafebo.session.session import Session
 
 _POINT_HELP = "'4- 12+ 13+ at 2.5 mA' (stimulation; either half may be left out), or NAME=VALUE ... (else)"
@@ -185,7 +185,7 @@ def _manual(arguments: argparse.Namespace) -> None:
     _started(session, session.manual(arguments.who, point, arguments.reason))
 
 
-def _started(session: Session, trial: Trial) -> None:
+def _started(session: Session, trial: LoggedTrial) -> None:
     print(f"trial {trial.number} may be delivered: {session.space.describe(trial.point)}; record it next")
 
 
@@ -211,7 +211,7 @@ def _record(arguments: argparse.Namespace) -> None:
     _recorded(session, trial)
 
 
-def _recorded(session: Session, trial: Trial) -> None:
+def _recorded(session: Session, trial: LoggedTrial) -> None:
     from hdsafebo.session.views.summary import is_unsafe
 
     outcomes = trial.outcomes or {}

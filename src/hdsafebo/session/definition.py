@@ -23,7 +23,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s,;:/\\]+$")]
 
 
-class Method(Block):
+class MethodChoice(Block):
     """The optimiser.
 
     Attributes:
@@ -100,7 +100,7 @@ class _Common(Block):
     name: Annotated[str, Field(min_length=1, max_length=200)]
     seed: Annotated[int, Field(ge=0, lt=2**31)]
     target: Name
-    method: Method = Method()
+    method: MethodChoice = MethodChoice()
 
 
 class StimulationDefinition(_Common):

@@ -12,7 +12,7 @@ from typing import Any
 from hdsafebo.session.definition import parse_definition
 from hdsafebo.session.errors import AuditError, ExpiredError, ProtocolError, RecordingError, SessionError
 from hdsafebo.session.log.chain import Entry
-from hdsafebo.session.log.state import Point, State, Suggestion, Trial
+from hdsafebo.session.log.state import LoggedSuggestion, LoggedTrial, Point, State
 from hdsafebo.session.spaces.space import Space
 from hdsafebo.session.tightening import require_tighter
 
@@ -194,7 +194,7 @@ def same_recording(one: Payload | None, other: Payload | None) -> bool:
     )
 
 
-def open_suggestion(state: State, number: int) -> Suggestion:
+def open_suggestion(state: State, number: int) -> LoggedSuggestion:
     """The suggestion of a number, if it waits for its decision.
 
     Raises:
@@ -216,7 +216,7 @@ def open_suggestion(state: State, number: int) -> Suggestion:
     return suggestion
 
 
-def recordable(state: State, number: int | None) -> Trial:
+def recordable(state: State, number: int | None) -> LoggedTrial:
     """The trial of a number, or the running one; ProtocolError when there is none of this session."""
     if number is None:
         waiting = state.running_trials
@@ -257,7 +257,7 @@ def require_recorded(state: State, what: str) -> None:
         raise ProtocolError(f"cannot {what}: trials {_numbers(waiting)} wait for their records")
 
 
-def _numbers(trials: Sequence[Trial]) -> str:
+def _numbers(trials: Sequence[LoggedTrial]) -> str:
     return ", ".join(str(t.number) for t in trials)
 
 

@@ -25,7 +25,7 @@ from hdsafebo.session.errors import ProtocolError, SessionError, StoppedError
 from hdsafebo.session.files import stored_files
 from hdsafebo.session.log.cache import Cache
 from hdsafebo.session.log.chain import Entry
-from hdsafebo.session.log.state import Point, State, Suggestion, Trial
+from hdsafebo.session.log.state import LoggedSuggestion, LoggedTrial, Point, State
 from hdsafebo.session.log.stops import Stop, pending, press
 from hdsafebo.session.log.store import STARTING, Clock, MovedOnError, Store, utc_now
 from hdsafebo.session.rules import Rules, open_suggestion, recordable, require_idle, same_recording
@@ -90,7 +90,7 @@ class Session:
 
     # --- the protocol
 
-    def suggest(self, who: str) -> Suggestion:
+    def suggest(self, who: str) -> LoggedSuggestion:
         """The next suggestion; the open one again while it waits for its decision.
 
         Raises:
@@ -109,7 +109,7 @@ class Session:
                 continue
         raise MovedOnError("others keep changing the session: look at its status and try again")
 
-    def approve(self, who: str, suggestion: int) -> Trial:
+    def approve(self, who: str, suggestion: int) -> LoggedTrial:
         """Accept the open suggestion: its trial may be delivered now.
 
         Args:
@@ -128,7 +128,7 @@ class Session:
         self._append(person, "approved", {"suggestion": suggestion})
         return self._running()
 
-    def modify(self, who: str, point: Point, reason: str, suggestion: int) -> Trial:
+    def modify(self, who: str, point: Point, reason: str, suggestion: int) -> LoggedTrial:
         """Replace the open suggestion's inputs by a person's, within the hard limits; see `approve`."""
         person, why = checked_name(who), checked_text(reason, "reason")
         self._refresh_to_start()
@@ -137,14 +137,14 @@ class Session:
         self._append(person, "modified", {"suggestion": suggestion, "point": checked, "reason": why})
         return self._running()
 
-    def refuse(self, who: str, reason: str, suggestion: int) -> Suggestion:
+    def refuse(self, who: str, reason: str, suggestion: int) -> LoggedSuggestion:
         """Turn the open suggestion down; it will not be made again. See `approve`."""
         person, why = checked_name(who), checked_text(reason, "reason")
         self.refresh()
         self._append(person, "refused", {"suggestion": suggestion, "reason": why})
         return self.state.suggestions[suggestion - 1]
 
-    def manual(self, who: str, point: Point, reason: str = "") -> Trial:
+    def manual(self, who: str, point: Point, reason: str = "") -> LoggedTrial:
         """Start a trial of one's own within the hard limits; an open suggestion expires.
 
         Raises:
@@ -159,7 +159,7 @@ class Session:
         self._append(person, "manual", {"point": self.space.point(point), "reason": why})
         return self._running()
 
-    def record(self, who: str, report: Report, trial: int | None = None, *, remark: str = "") -> Trial:
+    def record(self, who: str, report: Report, trial: int | None = None, *, remark: str = "") -> LoggedTrial:
         """Record what came back from the running trial. Recording the same again changes nothing.
 
         Args:
@@ -189,7 +189,7 @@ class Session:
         files = [] if report.recording is None else [report.recording[0]]
         return self._record(person, payload, files)
 
-    def not_delivered(self, who: str, reason: str, trial: int | None = None) -> Trial:
+    def not_delivered(self, who: str, reason: str, trial: int | None = None) -> LoggedTrial:
         """Close the running trial without a result: it was not delivered."""
         person, why = checked_name(who), checked_text(reason, "reason")
         self.refresh()
@@ -270,7 +270,7 @@ class Session:
         self._waiting = self.store.adopt_stops()
         self._take(self.store.read())
 
-    def best(self, target: str | None = None, *, origin: str = "") -> Trial | None:
+    def best(self, target: str | None = None, *, origin: str = "") -> LoggedTrial | None:
         """The safe trial with the highest outcome of a target.
 
         Args:
@@ -328,7 +328,7 @@ class Session:
         self.refresh()
         require_same_limits(self.state.source, self.state.definition)
 
-    def _suggest_once(self, person: str) -> Suggestion:
+    def _suggest_once(self, person: str) -> LoggedSuggestion:
         advisor = self.advisor()
         head = self.state.head
         assert head is not None
@@ -370,19 +370,19 @@ class Session:
                 "close it as not delivered"
             )
 
-    def _record(self, person: str, payload: dict[str, Any], files: Sequence[bytes]) -> Trial:
+    def _record(self, person: str, payload: dict[str, Any], files: Sequence[bytes]) -> LoggedTrial:
         trial = self.state.trials[payload["trial"] - 1]
         if trial.status != "running" and _same_result(trial, payload):
             return trial
         self._append(person, "recorded", payload, files)
         return self.state.trials[trial.number - 1]
 
-    def _running(self) -> Trial:
+    def _running(self) -> LoggedTrial:
         """The trial that was just started."""
         return self.state.trials[-1]
 
 
-def _same_result(trial: Trial, payload: dict[str, Any]) -> bool:
+def _same_result(trial: LoggedTrial, payload: dict[str, Any]) -> bool:
     """Whether a record says what a trial's record says already; a recording's file may be another one."""
     one, other = trial.details, payload["details"]
     if "recording" in one and same_recording(one["recording"], other.get("recording")):

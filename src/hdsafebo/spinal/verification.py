@@ -18,7 +18,7 @@ from hdsafebo.spinal.finite_elements.reference_cylinder import LayeredCylinder
 from hdsafebo.spinal.finite_elements.solution import Solution, solve
 from hdsafebo.spinal.geometry.conductivity import Conductivity
 from hdsafebo.spinal.geometry.mesh import PrismMesh, SliceMap, extrude, graded_axis
-from hdsafebo.spinal.geometry.section import EdgeLengths, Section, build_section, circle, graded_size
+from hdsafebo.spinal.geometry.section import CrossSection, EdgeLengths, build_section, circle, graded_size
 from hdsafebo.spinal.lead_field import MILLIVOLTS, LeadField
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ class Errors:
     solution: Solution
 
 
-def cylinder_section(cylinder: LayeredCylinder, lengths: EdgeLengths) -> Section:
+def cylinder_section(cylinder: LayeredCylinder, lengths: EdgeLengths) -> CrossSection:
     """The cylinder's section; the patch's borders are vertices of its interface."""
     source = cylinder.radii[cylinder.source]
     regions = {
@@ -116,7 +116,7 @@ def _relative(found: Array, expected: Array) -> Array:
     return np.asarray(np.abs(found - expected).max(axis=1) / np.abs(expected).max(axis=1))
 
 
-def _patches(cylinder: LayeredCylinder, section: Section) -> list[Contact]:
+def _patches(cylinder: LayeredCylinder, section: CrossSection) -> list[Contact]:
     """The patch at the dorsal pole of its interface, and the same one 12 mm further along."""
     x, y = section.nodes[:, section.contact_edges]
     covered = np.all((np.abs(np.arctan2(x, y)) * np.hypot(x, y) < cylinder.half_arc + 1e-6) & (y > 0), axis=1)

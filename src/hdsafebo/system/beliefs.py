@@ -5,14 +5,14 @@ Models are imported where they are used, so that describing a system does not wa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hdsafebo.system.problem import SettingsList, SystemProblem
 from hdsafebo.trials import Trials
-from hdsafebo.typing import FloatArray
+from hdsafebo.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -122,36 +122,91 @@ def best(optimizer: Optimizer, context: FloatArray | None) -> Best | None:
         optimizer: of the study.
         context: (c,) columns under which beliefs are compared; None takes each trial under its own.
     """
-    from hdsafebo.optimizers.core.contexts import in_context
-
-    rows = np.flatnonzero(optimizer.feasible)
-    if len(rows) == 0:
+    seen = _Seen.of(optimizer, np.flatnonzero(optimizer.feasible), context)
+    if seen is None:
         return None
-    trials = optimizer.trials[rows]
-    seen = trials if context is None else in_context(optimizer.problem, trials, context)
-    inputs = optimizer.kernel_inputs(pending(optimizer, seen.x))
-    surrogate = optimizer.surrogate
-    mean, sd = surrogate.objective.predict(inputs)
-    safe = surrogate.safe_probability(inputs)
-    likely = surrogate.believed_safe(inputs, optimizer.confidence)
-    counts = likely if likely.any() else safe >= safe.max()
-    problem = optimizer.problem
-    assert isinstance(problem, SystemProblem)
-    sign = problem.codec.system.objective.sign
+    likely = optimizer.surrogate.believed_safe(seen.inputs, optimizer.confidence)
+    counts = likely if likely.any() else seen.safe >= seen.safe.max()
+    lucky = int(np.argmax(seen.trials.objective))
+    return Best(seen.belief(lucky), seen.belief(int(np.argmax(np.where(counts, seen.mean, -np.inf)))))
 
-    def belief(i: int) -> Belief:
+
+def safest(optimizer: Optimizer, context: FloatArray | None) -> Belief | None:
+    """The trial that kept every limit and is most probably safe; None when there is none.
+
+    Args:
+        optimizer: of the study.
+        context: (c,) columns under which trials would be run again; None takes each trial under its own.
+    """
+    seen = _Seen.of(optimizer, np.flatnonzero(optimizer.feasible), context)
+    return None if seen is None else seen.belief(int(np.argmax(seen.safe)))
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Trials and what is believed of them: k of them, all completed.
+
+    Attributes:
+        problem: of the trials.
+        trials: as they were run.
+        x: (k, D) their inputs, under the context that was asked for.
+        inputs: (k, p) kernel inputs of these.
+        mean, sd: (k,) of the objective, where larger is better.
+        safe: (k,) safe probabilities.
+    """
+
+    problem: SystemProblem
+    trials: Trials
+    x: FloatArray
+    inputs: FloatArray
+    mean: FloatArray
+    sd: FloatArray
+    safe: FloatArray
+
+    @classmethod
+    def of(cls, optimizer: Optimizer, rows: IntArray, context: FloatArray | None) -> _Seen | None:
+        from hdsafebo.optimizers.core.contexts import in_context
+
+        if len(rows) == 0:
+            return None
+        problem = optimizer.problem
+        assert isinstance(problem, SystemProblem)
+        trials = optimizer.trials[rows]
+        x = trials.x if context is None else in_context(problem, trials, context).x
+        inputs = optimizer.kernel_inputs(pending(optimizer, x))
+        mean, sd = optimizer.surrogate.objective.predict(inputs)
+        return cls(problem, trials, x, inputs, mean, sd, optimizer.surrogate.safe_probability(inputs))
+
+    def belief(self, i: int) -> Belief:
+        sign = self.problem.codec.system.objective.sign
         return Belief(
-            trial=int(trials.id[i]),
-            setting=problem.codec.records(seen.x[[i]])[0],
-            objective=sign * float(trials.objective[i]),
-            outcomes=outcomes(problem, trials)[i],
-            mean=sign * float(mean[i]),
-            sd=float(sd[i]),
-            safe_probability=float(safe[i]),
+            trial=int(self.trials.id[i]),
+            setting=self.problem.codec.records(self.x[[i]])[0],
+            objective=sign * float(self.trials.objective[i]),
+            outcomes=outcomes(self.problem, self.trials)[i],
+            mean=sign * float(self.mean[i]),
+            sd=float(self.sd[i]),
+            safe_probability=float(self.safe[i]),
         )
 
-    lucky = int(np.argmax(trials.objective))
-    return Best(belief(lucky), belief(int(np.argmax(np.where(counts, mean, -np.inf)))))
+
+def what_is_safest(optimizer: Optimizer, context: FloatArray | None) -> str:
+    """What to do where nothing new is believed safe: the end of a message, empty without a safe trial."""
+    known = safest(optimizer, context)
+    if known is None:
+        return ""
+    return (
+        f". Of what was tried, trial {known.trial} is the safest (safe with {known.safe_probability:.3f}): "
+        f"{known.setting}; run it or careful settings near it again, and pass the results to observe"
+    )
+
+
+def with_probabilities(optimizer: Optimizer, trials: Trials) -> Trials:
+    """Asked trials of a method without a model, with what the common model believes of them."""
+    if optimizer.consults_model or not optimizer.trials.completed.any():
+        return trials
+    inputs = optimizer.kernel_inputs(pending(optimizer, trials.x))
+    return replace(trials, predicted_safe_probability=optimizer.surrogate.safe_probability(inputs))
 
 
 def outcomes(problem: SystemProblem, trials: Trials) -> list[dict[str, float]]:

@@ -20,7 +20,7 @@ Values = Mapping[str, NDArray[np.float64]]
 """Checked values by name: numbers, positions of choices, zeros of what is fixed."""
 
 
-class Codec:
+class BoxCodec:
     """See the module.
 
     Args:

@@ -6,7 +6,7 @@ import numpy as np
 
 from hdsafebo.errors import ProblemError
 from hdsafebo.problem import Problem
-from hdsafebo.system.codec import Codec
+from hdsafebo.system.codec import BoxCodec
 from hdsafebo.system.description import System
 from hdsafebo.system.errors import DescriptionError
 from hdsafebo.trials import Evaluation, Trials
@@ -22,7 +22,7 @@ class SystemProblem(Problem):
 
     def __init__(self, system: System) -> None:
         self.name = system.name
-        self.codec = Codec(system)
+        self.codec = BoxCodec(system)
         self.bounds = self.codec.bounds
         self.contexts = self.codec.contexts
         self.lands = self.codec.lands and system.settings is None
@@ -54,7 +54,7 @@ class SettingsList:
         context: (c,) columns of the contexts, as last held.
     """
 
-    def __init__(self, system: System, codec: Codec) -> None:
+    def __init__(self, system: System, codec: BoxCodec) -> None:
         assert system.settings is not None
         values = codec.check(system.settings, system.parameters, exact=True)
         self.settings = codec.encode(values, system.parameters)

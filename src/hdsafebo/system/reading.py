@@ -13,7 +13,7 @@ import numpy as np
 
 from hdsafebo.system import beliefs
 from hdsafebo.system.beliefs import SAFE_PROBABILITY
-from hdsafebo.system.codec import Codec
+from hdsafebo.system.codec import BoxCodec
 from hdsafebo.system.description import System
 from hdsafebo.system.errors import TableError
 from hdsafebo.system.problem import SystemProblem
@@ -32,7 +32,7 @@ _SAME = 1e-9
 """Largest difference, in the box, between an input that was asked and the same input read from a table."""
 
 
-def context_columns(codec: Codec, context: Mapping[str, Any] | None) -> FloatArray:
+def context_columns(codec: BoxCodec, context: Mapping[str, Any] | None) -> FloatArray:
     """(c,) columns of the box that hold the contexts.
 
     Raises:
@@ -46,7 +46,7 @@ def context_columns(codec: Codec, context: Mapping[str, Any] | None) -> FloatArr
     return codec.encode(codec.check(columns, contexts), contexts)[0]
 
 
-def encoded(codec: Codec, columns: Mapping[str, Sequence[Any]], n: int) -> FloatArray:
+def encoded(codec: BoxCodec, columns: Mapping[str, Sequence[Any]], n: int) -> FloatArray:
     """(n, D) points of the box; parameters of one value may be left out.
 
     Raises:
@@ -57,7 +57,7 @@ def encoded(codec: Codec, columns: Mapping[str, Sequence[Any]], n: int) -> Float
 
 
 def inputs_run(
-    codec: Codec, x: FloatArray, ids: Sequence[int], instead: Mapping[str, Any]
+    codec: BoxCodec, x: FloatArray, ids: Sequence[int], instead: Mapping[str, Any]
 ) -> FloatArray | None:
     """(n, D) inputs that were really run; None when they are those that were asked.
 
@@ -120,7 +120,7 @@ def results_of_many(system: System, table: Table) -> tuple[list[int], dict[str, 
     return ids, {n: v for n, v in columns.items() if n not in (SAFE_PROBABILITY, MARKED)}
 
 
-def suggested(codec: Codec, trials: Trials) -> pd.DataFrame:
+def suggested(codec: BoxCodec, trials: Trials) -> pd.DataFrame:
     """Trials to run as a table indexed by trial: inputs, `safe_probability` and `marked_unsafe`."""
     import pandas as pd
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 import uuid
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,10 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hdsafebo.errors import HdSafeBOError
+from hdsafebo.errors import HdSafeBOError, NoSafePointError, OptimisticWarning
 from hdsafebo.optimizers.registry import load_optimizer, make_optimizer
 from hdsafebo.system import beliefs, reading
-from hdsafebo.system.beliefs import Best
+from hdsafebo.system.beliefs import Belief, Best
 from hdsafebo.system.description import System
 from hdsafebo.system.errors import StudyError, TableError
 from hdsafebo.system.problem import SystemProblem
@@ -44,7 +45,9 @@ class Suggestion:
         trial: its id, to tell its results under.
         setting: values of the parameters, ready to be passed on as they are.
         context: values of the contexts it was asked for.
-        safe_probability: that every limit is kept, as believed; NaN for methods without a model.
+        safe_probability: that every limit is kept, as believed of exactly this setting; NaN while nothing is
+            known. Methods without a model are told nothing of it: it is the common model's, shown here and
+            not kept.
         marked_unsafe: nothing was believed safe, and `empty_safe_set="mark"` asked for it all the same.
     """
 
@@ -137,6 +140,16 @@ class Study:
         self._turn = threading.RLock()
         self._new()
 
+        from hdsafebo.optimizers.settings import SafeSetSettings
+
+        if not isinstance(self._optimizer.settings, SafeSetSettings):
+            warnings.warn(
+                f"{self.method} promises no safety: it suggests settings whatever their safe probability, "
+                "which is shown with each; methods that promise it: hdsafebo_local, linebo_lower, safeopt",
+                OptimisticWarning,
+                stacklevel=3,
+            )
+
     def _new(self) -> None:
         self._problem = SystemProblem(self.system)
         self._optimizer: Optimizer = make_optimizer(
@@ -162,7 +175,12 @@ class Study:
         """
         held = reading.context_columns(self._problem.codec, context)
         with self._step() as optimizer:
-            trials = optimizer.ask(1 if n is None else n, context=held)
+            try:
+                trials = optimizer.ask(1 if n is None else n, context=held)
+            except NoSafePointError as error:
+                advice = beliefs.what_is_safest(optimizer, held if self.system.contexts else None)
+                raise NoSafePointError(f"{error}{advice}") from None
+            trials = beliefs.with_probabilities(optimizer, trials)
         if n is not None:
             return reading.suggested(self._problem.codec, trials)
         known = {c.name for c in self.system.contexts}
@@ -280,6 +298,18 @@ class Study:
         held = None if context is None else reading.context_columns(self._problem.codec, context)
         with self._current() as optimizer:
             return beliefs.best(optimizer, held)
+
+    def safest(self, *, context: Mapping[str, Any] | None = None) -> Belief | None:
+        """The setting most probably safe of those that kept every limit; None without one.
+
+        What to run again where nothing new is believed safe.
+
+        Args:
+            context: under which it would be run; None takes each trial under its own.
+        """
+        held = None if context is None else reading.context_columns(self._problem.codec, context)
+        with self._current() as optimizer:
+            return beliefs.safest(optimizer, held)
 
     def expected_gain(self, *, context: Mapping[str, Any] | None = None) -> float:
         """How much one more trial is expected to improve on the believed best, in the objective's units.

@@ -27,7 +27,7 @@ _STATES = {"completed": Status.COMPLETED, "failed": Status.FAILED}
 
 
 @dataclass(frozen=True)
-class Measured:
+class ToldResults:
     """Outcomes of n trials in the signs of the optimiser.
 
     Attributes:
@@ -106,7 +106,7 @@ def result_names(system: System) -> list[str]:
     return [*system.outcomes, *(name + NOISE for name in system.outcomes), STATUS]
 
 
-def measured(system: System, columns: Mapping[str, Sequence[Any]], n: int) -> Measured:
+def measured(system: System, columns: Mapping[str, Sequence[Any]], n: int) -> ToldResults:
     """Outcomes of n trials from the columns of a table.
 
     Args:
@@ -139,7 +139,7 @@ def measured(system: System, columns: Mapping[str, Sequence[Any]], n: int) -> Me
         noise[name] = _noise(name, columns.get(name + NOISE), n)
     objective = system.objective
     sides = [(limit.name, sign) for limit in system.limits for sign, _ in limit.sides]
-    return Measured(
+    return ToldResults(
         objective.sign * values[objective.name],
         np.column_stack([sign * values[name] for name, sign in sides]),
         status,

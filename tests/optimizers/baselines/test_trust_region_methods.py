@@ -139,7 +139,9 @@ def test_hesbo_finds_the_optimum_when_the_subspace_holds_it() -> None:
     problem = low_dimensional(40)
     optimizer = Hesbo(problem, seed=1, dimension=8)
     assert optimizer._sketch.bins[0] != optimizer._sketch.bins[1]  # else it could not
-    run_rounds(optimizer, 5, 8)
+    for _ in range(5):
+        if len(optimizer.trials) == 0 or optimizer.trials.objective.max() < -1e-3:
+            run_rounds(optimizer, 1, 8)
     assert optimizer.trials.objective.max() > -1e-3
 
 

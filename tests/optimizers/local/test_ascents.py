@@ -75,6 +75,8 @@ def test_share_of_the_batch_that_climbs_the_mean(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(
         optimizer.search, "_climb_paths", lambda centre, k: explorers.append(k) or np.tile(centre, (k, 1))
     )
+    climbed = optimizer.search._climb_mean(optimizer.search.centre(), n)  # the same ascents every time
+    monkeypatch.setattr(optimizer.search, "_climb_mean", lambda centre, k: climbed)
     for _ in range(60):
         optimizer.search.propose(n)
     shares = n - np.array(explorers)

@@ -103,13 +103,13 @@ def climbs_of(made: HdSafeBOLocal) -> Restarts:
     return made._restarts
 
 
-def climb_hills(seed: int) -> HdSafeBOLocal:
+def climb_hills(seed: int, rounds: int) -> HdSafeBOLocal:
     problem = hills_problem()
     made = HdSafeBOLocal(problem, seed=seed, embedding=Halving(), bounds=[[0.0, 0.0], [0.5, 0.5]])
     x = 0.25 + 0.15 * np.random.default_rng(seed).standard_normal((8, 2))  # around the low hill
     x = np.clip(x, 0.0, 1.0)
     made.observe(x, *problem.function(x), initial=True)
-    run_rounds(made, 45, 1)
+    run_rounds(made, rounds, 1)
     return made
 
 
@@ -128,12 +128,12 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_single_trials_climb_the_other_hill_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    several = climb_hills(3)
+    several = climb_hills(3, 45)
     assert several.trials.objective.max() == pytest.approx(1.5, abs=0.01)
     assert climbs_of(several).tops
     assert not several.trials.marked_unsafe.any()
     monkeypatch.setattr("hdsafebo.optimizers.local.restarts.PATIENCE", 1000)
-    once = climb_hills(3)
+    once = climb_hills(3, 20)
     assert once.trials.objective.max() == pytest.approx(1.0, abs=0.01)
     assert (climbs_of(once).search.since, climbs_of(once).tops) == (0, ())
 

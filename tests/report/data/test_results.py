@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.report.data.methods import beta_of_ablation, by_family, order, style
-from hdsafebo.report.data.results import DIGITS, Results, Settings
+from hdsafebo.report.data.results import DIGITS, Results, Uncertainty
 from hdsafebo.report.sections.findings import same_trials_findings
 from hdsafebo.report.tables.results import comparison_table, metrics_table
 from hdsafebo.runs.read import read_runs
@@ -21,7 +21,7 @@ def runs(root: Path, task: str, method: str, values: list[float], **metadata: ob
 
 
 def load(root: Path) -> Results:
-    return Results(read_runs(root / "data/runs"), Settings(bootstrap_samples=200))
+    return Results(read_runs(root / "data/runs"), Uncertainty(bootstrap_samples=200))
 
 
 def test_comparison_is_the_same_both_ways_and_every_time(tmp_path: Path) -> None:

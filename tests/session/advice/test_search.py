@@ -10,7 +10,7 @@ from hdsafebo.search.space import SearchSpace
 from hdsafebo.session.advice.informed import informed_optimizer
 from hdsafebo.session.advice.search import BoxSearch
 from hdsafebo.session.definition import parse_definition
-from hdsafebo.session.log.state import Trial
+from hdsafebo.session.log.state import LoggedTrial
 from hdsafebo.session.spaces.generic import GenericSpace
 from tests.session.small import bowl, box_definition
 
@@ -60,10 +60,10 @@ def test_searched_codes_go_along_to_the_next_target() -> None:
     np.testing.assert_array_equal(second.trials.z[:8], 0.45 * second.trials.x[:8])
 
 
-def done(number: int, values: list[float]) -> Trial:
+def done(number: int, values: list[float]) -> LoggedTrial:
     """A trial of the bowl with a record."""
     found = bowl(values)
-    return Trial(
+    return LoggedTrial(
         number=number,
         point={"values": values},
         origin="initial",

@@ -14,14 +14,14 @@ from hdsafebo.session.candidates.list_set import candidate_values
 from hdsafebo.session.definition import parse_definition
 from hdsafebo.session.errors import RecordingError
 from hdsafebo.session.measuring import tables
-from hdsafebo.session.measuring.tables import Table, read_table
+from hdsafebo.session.measuring.tables import MeasuredTable, read_table
 from hdsafebo.session.spaces.generic import GenericSpace
 from tests.session.small import box_definition
 
 PLAIN = "a,b,c\n0.1,0.2,-0.3\n0.4,0.5,0\n"
 
 
-def content(table: Table) -> list[list[str]]:
+def content(table: MeasuredTable) -> list[list[str]]:
     return [[table.text(row, column) for column in table.columns] for row in range(len(table))]
 
 

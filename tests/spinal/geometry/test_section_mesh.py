@@ -8,21 +8,21 @@ import pytest
 from hdsafebo.errors import AnatomyError
 from hdsafebo.spinal.geometry.anatomy import GREY_OUTLINE, Anatomy
 from hdsafebo.spinal.geometry.mesh import PrismMesh, cord_map, extrude, graded_axis
-from hdsafebo.spinal.geometry.section import EdgeLengths, Section, cord_section
+from hdsafebo.spinal.geometry.section import CrossSection, EdgeLengths, cord_section
 
 
 @pytest.fixture(scope="module")
-def section() -> Section:
+def section() -> CrossSection:
     return cord_section(Anatomy(), EdgeLengths(0.6, 0.3, 4.0))
 
 
-def tissue_area(section: Section, name: str) -> float:
+def tissue_area(section: CrossSection, name: str) -> float:
     triangles = section.triangles[:, section.in_tissue(name)]
     (xa, xb, xc), (ya, yb, yc) = (c[triangles] for c in section.nodes)
     return float(((xb - xa) * (yc - ya) - (xc - xa) * (yb - ya)).sum() / 2)
 
 
-def test_tissue_areas_are_those_of_the_outlines(section: Section) -> None:
+def test_tissue_areas_are_those_of_the_outlines(section: CrossSection) -> None:
     anatomy = Anatomy()
     a, b = anatomy.half_width, anatomy.half_depth
     x, y = np.array(GREY_OUTLINE).T * [[a], [b]]
@@ -72,7 +72,7 @@ def test_graded_axis_is_uniform_inside_and_grows_outside() -> None:
     assert (step > 0).all()
 
 
-def test_a_folding_map_is_refused(section: Section) -> None:
+def test_a_folding_map_is_refused(section: CrossSection) -> None:
     with pytest.raises(AnatomyError, match="folds over between z = 1 and 1 mm"):
         extrude(section, np.array([0.0, 1.0]), lambda x, y, z: (x * (1 - 2 * z), y + 0 * z))
 

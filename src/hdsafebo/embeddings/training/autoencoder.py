@@ -46,7 +46,7 @@ def fit_autoencoder(
         networks = Networks(x.shape[1], settings, torch_generator(rng))
         history: dict[str, object] = {}
         if settings.warm_start_epochs:
-            warm = WarmStart(networks, data)
+            warm = WarmStartTask(networks, data)
             phase = settings.model_copy(update={"epochs": settings.warm_start_epochs})
             history["warm_start"] = train(f"{name} (warm start)", warm, phase)
         bound = EvidenceBound(networks, data, isometry_weight)
@@ -109,7 +109,7 @@ class Networks:
             return float(error.square().sum() / (x - x.mean(dim=0)).square().sum())
 
 
-class WarmStart:
+class WarmStartTask:
     """First task of the networks: encode to principal components' codes, decode from them.
 
     The codes are scaled by one number to unit mean variance, as the prior of the codes has it, which

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hdsafebo.errors import TrialError
 from hdsafebo.optimizers.core.growing import GrowingRows
-from hdsafebo.optimizers.core.results import Results
+from hdsafebo.optimizers.core.results import CheckedResults
 from hdsafebo.problem import Problem
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
@@ -76,7 +76,12 @@ class Ledger:
         return ids
 
     def record(
-        self, ids: IntArray, results: Results, *, noise: FloatArray | None = None, run: Trials | None = None
+        self,
+        ids: IntArray,
+        results: CheckedResults,
+        *,
+        noise: FloatArray | None = None,
+        run: Trials | None = None,
     ) -> IntArray:
         """Fill in results, all or none of them; a result that is already there is not counted again.
 
@@ -162,7 +167,7 @@ class Ledger:
             amended[name] = values
         return replace(trials, **amended)
 
-    def _filled(self, ids: IntArray, results: Results) -> Trials:
+    def _filled(self, ids: IntArray, results: CheckedResults) -> Trials:
         objective, safety, status = (
             self.trials.objective.copy(),
             self.trials.safety.copy(),

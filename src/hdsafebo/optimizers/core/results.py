@@ -20,7 +20,7 @@ _SLACK = 1e-6
 
 
 @dataclass(frozen=True)
-class Results:
+class CheckedResults:
     """Checked results of n trials: NaN where a trial failed, finite elsewhere."""
 
     objective: FloatArray
@@ -30,7 +30,7 @@ class Results:
 
 def check_results(
     problem: Problem, n: int, objective: ArrayLike, safety: ArrayLike, status: ArrayLike | None
-) -> Results:
+) -> CheckedResults:
     """Results of n trials as arrays.
 
     Args:
@@ -65,7 +65,7 @@ def check_results(
     for j, name in enumerate(names):
         _check_finite(f"safety {name!r}", g[:, j], completed)
     _check_transforms(problem, g[completed])
-    return Results(np.where(completed, y, np.nan), np.where(completed[:, None], g, np.nan), states)
+    return CheckedResults(np.where(completed, y, np.nan), np.where(completed[:, None], g, np.nan), states)
 
 
 def check_points(name: str, points: ArrayLike, columns: int) -> FloatArray:

@@ -22,7 +22,7 @@ TASKS = ("hand", "hand_informed")
 _COLUMNS = ["seed", "trial", "initial", "objective", "safe", "status", "safety_no_drop", "safety_upright"]
 
 
-class Difficulty(BaseModel):
+class StoredDifficulty(BaseModel):
     """What random policies do (`hand.reference.Difficulty` explains the fields)."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -88,7 +88,7 @@ class HandInputs:
             None where a run file does not have them.
     """
 
-    difficulty: Difficulty | None
+    difficulty: StoredDifficulty | None
     policies: Policies | None
     strips: dict[str, bytes]
     outcomes: dict[tuple[str, str], pd.DataFrame | None]
@@ -106,7 +106,7 @@ def read_hand(root: Path, runs: Path) -> HandInputs:
     """
     folder = root / POLICIES
     return HandInputs(
-        difficulty=_read(root / DIFFICULTY, Difficulty),
+        difficulty=_read(root / DIFFICULTY, StoredDifficulty),
         policies=_read(folder / "policies.json", Policies),
         strips={path.name: path.read_bytes() for path in sorted(folder.glob("*.png"))},
         outcomes={

@@ -46,7 +46,7 @@ class Isometry(BaseModel):
     condition_number: float | None = None
 
 
-class Traversal(BaseModel):
+class TraversalCost(BaseModel):
     """Seconds and peak memory (MB) of the traversal."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -107,7 +107,7 @@ class Stimulation(BaseModel):
 
 
 @dataclass(frozen=True)
-class Frame:
+class StoredPicture:
     """A PNG picture of another stage, shown as it is."""
 
     title: str
@@ -137,11 +137,11 @@ class Inputs:
     variance: pd.DataFrame | None
     learning_curve: pd.DataFrame | None
     stimulation: Stimulation | None
-    traversal: Traversal | None
+    traversal: TraversalCost | None
     hand: HandInputs
     body: BodyInputs
-    hand_frames: list[Frame]
-    spinal_frames: list[Frame]
+    hand_frames: list[StoredPicture]
+    spinal_frames: list[StoredPicture]
 
 
 def read_isometry(root: Path) -> dict[str, Isometry] | None:
@@ -180,10 +180,10 @@ def read_learning_curve(root: Path) -> pd.DataFrame | None:
     return _parquet(root / LEARNING, ["setting", "step", "total_reward"])
 
 
-def read_traversal(root: Path) -> Traversal | None:
+def read_traversal(root: Path) -> TraversalCost | None:
     """What the traversal took."""
     data = _json(root / TRAVERSAL)
-    return None if data is None else _validated(root / TRAVERSAL, Traversal, data)
+    return None if data is None else _validated(root / TRAVERSAL, TraversalCost, data)
 
 
 def read_stimulation(root: Path) -> Stimulation | None:
@@ -192,9 +192,11 @@ def read_stimulation(root: Path) -> Stimulation | None:
     return None if data is None else _validated(root / STIMULATION, Stimulation, data)
 
 
-def read_frames(folder: Path) -> list[Frame]:
+def read_frames(folder: Path) -> list[StoredPicture]:
     """Pictures of another stage in the order of their names."""
-    return [Frame(path.stem.replace("_", " "), path.read_bytes()) for path in sorted(folder.glob("*.png"))]
+    return [
+        StoredPicture(path.stem.replace("_", " "), path.read_bytes()) for path in sorted(folder.glob("*.png"))
+    ]
 
 
 def read_inputs(root: Path, runs: Path) -> Inputs:

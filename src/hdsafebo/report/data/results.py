@@ -24,7 +24,7 @@ PAPER_ORDER = ("synthetic", "hand", "body", "scs_st", "scs_ga")
 
 
 @dataclass(frozen=True)
-class Settings:
+class Uncertainty:
     """How uncertainty is stated.
 
     Attributes:
@@ -52,7 +52,7 @@ class Results:
     """
 
     runs: dict[tuple[str, str], RunFile]
-    settings: Settings = field(default_factory=Settings)
+    settings: Uncertainty = field(default_factory=Uncertainty)
 
     @cached_property
     def tasks(self) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hdsafebo.report.data.body_inputs import REFLEX, BodyInputs, BodyPolicies, BodyPolicy
-from hdsafebo.report.data.inputs import Film, Frame
+from hdsafebo.report.data.inputs import Film, StoredPicture
 from hdsafebo.report.data.methods import style
 from hdsafebo.report.data.results import Results
 from hdsafebo.report.figures.curves import front_figure
@@ -47,7 +47,7 @@ def _pictures(body: BodyInputs) -> list[Block]:
         return [Text(f"No pictures of the body: {played.missing}.", "missing")]
     drawn = [policy for policy in played.policies if policy.picture is not None]
     blocks: list[Block] = [
-        Frame(_what(policy, played), body.strips[policy.picture])
+        StoredPicture(_what(policy, played), body.strips[policy.picture])
         for policy in drawn
         if policy.picture in body.strips
     ]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from hdsafebo.report.data.hand_inputs import TASKS, Difficulty, HandInputs, Policies, Policy
-from hdsafebo.report.data.inputs import Frame, Inputs
+from hdsafebo.report.data.hand_inputs import TASKS, HandInputs, Policies, Policy, StoredDifficulty
+from hdsafebo.report.data.inputs import Inputs, StoredPicture
 from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.data.results import Results
 from hdsafebo.report.figures.curves import front_figure
@@ -66,7 +66,7 @@ def hand_section(results: Results, inputs: Inputs) -> Section:
     return Section("hand", "Musculoskeletal hand", "Section 5.2, Figure 3", blocks)
 
 
-def _difficulty(found: Difficulty | None) -> list[Block]:
+def _difficulty(found: StoredDifficulty | None) -> list[Block]:
     """How hard the task is, and how that came about."""
     if found is None:
         return [_CHOSEN, not_run("Random policies")]
@@ -112,7 +112,11 @@ def _policies(hand: HandInputs) -> list[Block]:
         return [head, Text(f"No pictures: {shown.missing}.", "missing"), *_words(shown)]
     return [
         head,
-        *(Frame(_what(policy), hand.strips[policy.picture]) for policy in shown.policies if policy.picture),
+        *(
+            StoredPicture(_what(policy), hand.strips[policy.picture])
+            for policy in shown.policies
+            if policy.picture
+        ),
     ]
 
 

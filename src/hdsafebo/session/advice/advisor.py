@@ -34,7 +34,7 @@ from hdsafebo.session.advice.methods import load_method
 from hdsafebo.session.advice.search import Search
 from hdsafebo.session.definition import Definition, parse_definition
 from hdsafebo.session.log.chain import Entry
-from hdsafebo.session.log.state import Point, State, Trial
+from hdsafebo.session.log.state import LoggedTrial, Point, State
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
@@ -225,7 +225,7 @@ class Advisor:
         if self._optimizer is not None:
             self._optimizer.begin_day(self.state.pauses)
 
-    def _learn(self, trial: Trial) -> None:
+    def _learn(self, trial: LoggedTrial) -> None:
         optimizer = self._require()
         if not trial.delivered:
             if trial.origin == "suggested" and trial.suggestion not in self._foreign:
@@ -238,7 +238,7 @@ class Advisor:
             x, row = self.search.input_of(trial.point)
             optimizer.observe(x, [objective], [safety], status=[status], candidate=[row])
 
-    def _take_back(self, trial: Trial) -> None:
+    def _take_back(self, trial: LoggedTrial) -> None:
         """An asked trial was not delivered: it can be asked again, unless others were asked or told since."""
         if self.state.at_once == 1:
             self._optimizer = self._load(self._undelivered)
@@ -247,7 +247,7 @@ class Advisor:
             nothing = [np.full(len(self.search.space.safety), np.nan)]
             self._require().tell([self._asked_as(trial)], [np.nan], nothing, status=[Status.FAILED])
 
-    def _asked_as(self, trial: Trial) -> int:
+    def _asked_as(self, trial: LoggedTrial) -> int:
         """The optimiser's id of a suggested trial that is running."""
         trials = self._require().trials
         x, _ = self.search.input_of(trial.point)

@@ -12,7 +12,7 @@ from hdsafebo.optimizers.settings import SafeSetSettings
 from hdsafebo.session.advice.methods import make_method, session_method
 from hdsafebo.session.advice.search import Search
 from hdsafebo.session.definition import Definition
-from hdsafebo.session.log.state import Trial
+from hdsafebo.session.log.state import LoggedTrial
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray
 
@@ -25,7 +25,7 @@ def informed_optimizer(
     search: Search,
     target: str,
     seed: int,
-    trials: Sequence[Trial],
+    trials: Sequence[LoggedTrial],
     before: Optimizer | None = None,
     today: int = 0,
 ) -> Optimizer:
@@ -84,7 +84,7 @@ def new_optimizer(definition: Definition, search: Search, target: str, seed: int
     )
 
 
-def kernel_inputs(optimizer: Optimizer, search: Search, trials: Sequence[Trial]) -> FloatArray:
+def kernel_inputs(optimizer: Optimizer, search: Search, trials: Sequence[LoggedTrial]) -> FloatArray:
     """(n, p) what the optimiser measures distances between, for the points of trials."""
     inputs = [search.input_of(t.point) for t in trials]
     x = np.vstack([x for x, _ in inputs])
@@ -94,7 +94,7 @@ def kernel_inputs(optimizer: Optimizer, search: Search, trials: Sequence[Trial])
 
 
 def results_of(
-    trial: Trial, target: str, search: Search, trials: Sequence[Trial]
+    trial: LoggedTrial, target: str, search: Search, trials: Sequence[LoggedTrial]
 ) -> tuple[float, list[float], Status]:
     """Objective, safety values and status of a trial, as an optimiser is told them.
 

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from hdsafebo.problem import Codec
 from hdsafebo.session.advice.search import BoxSearch, FiniteSearch, Search
 from hdsafebo.session.candidates.list_set import ListSet, candidate_values
-from hdsafebo.session.candidates.stimulation_set import StimulationSet
+from hdsafebo.session.candidates.stimulation_set import SessionStimulationSet
 from hdsafebo.session.definition import BoxDefinition, Definition, ListDefinition, StimulationDefinition
 from hdsafebo.session.files import CANDIDATES, EMBEDDING, EMBEDDING_CARD, NamedFile
 from hdsafebo.session.measuring.tables import read_table
@@ -40,7 +40,7 @@ def make_search(definition: Definition, files: Mapping[str, NamedFile]) -> Searc
     embedding = _embedding(files)
     if isinstance(definition, StimulationDefinition):
         assert isinstance(space, StimulationSpace)
-        candidates = StimulationSet(definition.priors, space.envelope, as_maps=embedding is not None)
+        candidates = SessionStimulationSet(definition.priors, space.envelope, as_maps=embedding is not None)
         return FiniteSearch(space, candidates, embedding)
     assert isinstance(space, GenericSpace)
     if isinstance(definition, BoxDefinition):

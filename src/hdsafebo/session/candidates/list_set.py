@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hdsafebo.session.candidates.finite_set import FiniteSet
 from hdsafebo.session.errors import RecordingError
 from hdsafebo.session.log.state import Point
-from hdsafebo.session.measuring.tables import Table
+from hdsafebo.session.measuring.tables import MeasuredTable
 from hdsafebo.session.spaces.generic import GenericSpace
 from hdsafebo.typing import FloatArray, IntArray
 
@@ -57,7 +57,7 @@ class ListSet(FiniteSet):
         return self.encode_points(points) / self._width
 
 
-def candidate_values(table: Table, space: GenericSpace) -> FloatArray:
+def candidate_values(table: MeasuredTable, space: GenericSpace) -> FloatArray:
     """(N, D) rows of a candidate table, checked against the limits.
 
     Raises:

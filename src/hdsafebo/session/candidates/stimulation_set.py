@@ -34,7 +34,7 @@ MAX_CONFIGURATIONS = 100_000
 _LEVELS = 2  # currents to either side that count as neighbouring
 
 
-class StimulationSet(FiniteSet):
+class SessionStimulationSet(FiniteSet):
     """See the module. Row i * K + k is configuration i at the k-th of K currents.
 
     Args:

@@ -35,7 +35,7 @@ class Reading:
 
 
 @dataclass
-class _File:
+class _RowsFile:
     """The rows of one file.
 
     Attributes:
@@ -73,8 +73,8 @@ def read_copies(paths: Sequence[Path]) -> Reading:
     return Reading(entries, damage, tidy)
 
 
-def _read(path: Path) -> _File:
-    file = _File(path)
+def _read(path: Path) -> _RowsFile:
+    file = _RowsFile(path)
     try:
         for number, row in enumerate(rows(path), start=1):
             if not row.endswith(b"\n"):
@@ -95,7 +95,7 @@ def _read(path: Path) -> _File:
     return file
 
 
-def _in_order(files: list[_File]) -> list[Entry]:
+def _in_order(files: list[_RowsFile]) -> list[Entry]:
     """The entries of all files, each once, in the order of the chain."""
     followers: dict[str, Entry] = {}
     for file in files:
@@ -120,12 +120,12 @@ def _in_order(files: list[_File]) -> list[Entry]:
     return entries
 
 
-def _is_exactly(file: _File, entries: list[Entry]) -> bool:
+def _is_exactly(file: _RowsFile, entries: list[Entry]) -> bool:
     """Whether a file holds the entries and no other row."""
     return not file.bad and [e.hash for e in file.good] == [e.hash for e in entries]
 
 
-def _damage(file: _File, entries: list[Entry], other: _File, *, second: bool) -> list[str]:
+def _damage(file: _RowsFile, entries: list[Entry], other: _RowsFile, *, second: bool) -> list[str]:
     """What is wrong with a file that no killed writer leaves."""
     if file.missing:
         return [f"{file.path} is missing"] if entries else []
@@ -139,7 +139,7 @@ def _damage(file: _File, entries: list[Entry], other: _File, *, second: bool) ->
     return []
 
 
-def _require_nothing_lost(files: list[_File], entries: list[Entry]) -> None:
+def _require_nothing_lost(files: list[_RowsFile], entries: list[Entry]) -> None:
     """AuditError when rows behind the last whole entry are damaged in both files."""
     last = len(entries)
     if all(file.missing or any(number > last for number in file.bad) for file in files):

@@ -20,7 +20,7 @@ Decision = Literal["open", "approved", "modified", "refused", "expired"]
 
 
 @dataclass(frozen=True)
-class Trial:
+class LoggedTrial:
     """One trial, delivered or about to be.
 
     Attributes:
@@ -61,7 +61,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Suggestion:
+class LoggedSuggestion:
     """One suggestion of the optimiser.
 
     Attributes:
@@ -113,8 +113,8 @@ class State:
     files: dict[str, dict[str, str]] = field(default_factory=dict)
     target: str = ""
     stopped: str | None = None
-    trials: list[Trial] = field(default_factory=list)
-    suggestions: list[Suggestion] = field(default_factory=list)
+    trials: list[LoggedTrial] = field(default_factory=list)
+    suggestions: list[LoggedSuggestion] = field(default_factory=list)
     last_point: Point | None = None
     target_since: int = 0
     head: Entry | None = None
@@ -124,7 +124,7 @@ class State:
     recordings: dict[str, int] = field(default_factory=dict)
 
     @property
-    def open_suggestion(self) -> Suggestion | None:
+    def open_suggestion(self) -> LoggedSuggestion | None:
         """The suggestion that waits for a decision."""
         last = self.suggestions[-1] if self.suggestions else None
         return last if last is not None and last.decision == "open" else None
@@ -135,17 +135,17 @@ class State:
         return int(self.definition.get("at_once", 1))
 
     @property
-    def running_trials(self) -> list[Trial]:
+    def running_trials(self) -> list[LoggedTrial]:
         """The trials that wait for their records; of a session of one at a time only the last one may."""
         among = self.trials[-1:] if self.at_once == 1 else self.trials[self.initial :]
         return [t for t in among if t.status == "running"]
 
     @property
-    def running(self) -> Trial | None:
+    def running(self) -> LoggedTrial | None:
         """The first trial that waits for its record."""
         return next(iter(self.running_trials), None)
 
-    def paused_since(self, trial: Trial) -> bool:
+    def paused_since(self, trial: LoggedTrial) -> bool:
         """Whether a pause lies between the start of a trial and now."""
         return self.stopped is not None or self.pauses != trial.day
 
@@ -166,7 +166,7 @@ class State:
         for number, row in enumerate(p["initial"], start=1):
             status: Outcome = "completed" if row["outcomes"] is not None else "failed"
             self.trials.append(
-                Trial(
+                LoggedTrial(
                     number,
                     "initial",
                     day=-1,
@@ -180,7 +180,7 @@ class State:
     def _suggested(self, entry: Entry, p: dict[str, Any]) -> None:
         self._expire()
         number = len(self.suggestions) + 1
-        self.suggestions.append(Suggestion(number, p["point"], p["target"], p["belief"], p["based_on"]))
+        self.suggestions.append(LoggedSuggestion(number, p["point"], p["target"], p["belief"], p["based_on"]))
 
     def _abstained(self, entry: Entry, p: dict[str, Any]) -> None:
         """The optimiser had nothing to suggest; the log keeps why."""
@@ -245,7 +245,7 @@ class State:
     def _noted(self, entry: Entry, p: dict[str, Any]) -> None:
         """A remark; it changes nothing."""
 
-    def _decide(self, decision: Decision) -> Suggestion:
+    def _decide(self, decision: Decision) -> LoggedSuggestion:
         suggestion = self.suggestions[-1]
         self.suggestions[-1] = replace(suggestion, decision=decision)
         return suggestion
@@ -263,7 +263,7 @@ class State:
         suggestion: int | None,
     ) -> None:
         self.trials.append(
-            Trial(
+            LoggedTrial(
                 len(self.trials) + 1,
                 origin,
                 point,

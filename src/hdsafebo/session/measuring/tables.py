@@ -34,7 +34,7 @@ _CHUNK_LETTERS = 2**20
 
 
 @dataclass(frozen=True)
-class Table:
+class MeasuredTable:
     """Columns as they stand in the file: text (CSV), numbers or text (parquet).
 
     Attributes:
@@ -120,7 +120,7 @@ class Table:
         return {column: i for i, column in enumerate(self.columns)}
 
 
-def read_table(content: bytes, name: str) -> Table:
+def read_table(content: bytes, name: str) -> MeasuredTable:
     """Read a table; the suffix of `name` says whether it is `.csv` or `.parquet`.
 
     A CSV file may begin with comment lines (`#`), which are no part of the table.
@@ -138,7 +138,7 @@ def read_table(content: bytes, name: str) -> Table:
     raise RecordingError(f"{name}: the name ends in {suffix or 'nothing'}, expected .csv or .parquet")
 
 
-def _read_csv(content: bytes, name: str) -> Table:
+def _read_csv(content: bytes, name: str) -> MeasuredTable:
     """Rows are read one by one and kept as columns, so that no file becomes much larger in memory."""
     lines = array.array("l")
     columns: list[str] = []
@@ -165,7 +165,7 @@ def _read_csv(content: bytes, name: str) -> Table:
     if not columns:
         raise RecordingError(f"{name}: is empty, expected a header line")
     pieces.append(_columns(waiting, len(columns)))
-    return Table(name, columns, _joined(pieces), lines)
+    return MeasuredTable(name, columns, _joined(pieces), lines)
 
 
 def _rows(content: bytes, name: str) -> Iterator[tuple[int, list[str]]]:
@@ -212,14 +212,14 @@ def _joined(pieces: list[list[pa.Array]]) -> list[pa.Array]:
     return joined
 
 
-def _read_parquet(content: bytes, name: str) -> Table:
+def _read_parquet(content: bytes, name: str) -> MeasuredTable:
     source = io.BytesIO(content)
     table = read_parquet(source, name, RecordingError, max_cells=MAX_CELLS, max_bytes=MAX_BYTES)
     columns = list(table.column_names)
     _check_header(columns, name)
     _check_size(table.num_rows, len(columns), name)
     cells = [table.column(c).combine_chunks() for c in columns]
-    return Table(name, columns, cells, range(1, table.num_rows + 1))
+    return MeasuredTable(name, columns, cells, range(1, table.num_rows + 1))
 
 
 def _check_header(columns: list[str], name: str) -> None:

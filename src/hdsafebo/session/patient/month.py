@@ -19,7 +19,7 @@ import numpy as np
 from hdsafebo.files.yaml import write_mapping
 from hdsafebo.session.definition import StimulationDefinition, parse_definition
 from hdsafebo.session.errors import ProtocolError, SessionError
-from hdsafebo.session.log.state import Point, Trial
+from hdsafebo.session.log.state import LoggedTrial, Point
 from hdsafebo.session.measuring.emg import activation
 from hdsafebo.session.measuring.recordings import read_recording
 from hdsafebo.session.measuring.stimulator import CONTACTS
@@ -124,7 +124,7 @@ def run_month(
     patient: SimulatedPatient,
     *,
     trials: int = FURTHER_TRIALS,
-    on_trial: Callable[[Trial], None] = lambda trial: None,
+    on_trial: Callable[[LoggedTrial], None] = lambda trial: None,
 ) -> None:
     """Carry a session on to `trials` further trials; goes on where an interrupted one ended.
 

@@ -11,7 +11,7 @@ from hdsafebo.problem import Safety
 from hdsafebo.session.definition import Definition, GenericDefinition, StimulationDefinition
 from hdsafebo.session.errors import LimitError, ProtocolError, RecordingError
 from hdsafebo.session.log.state import Point
-from hdsafebo.session.measuring.tables import Table
+from hdsafebo.session.measuring.tables import MeasuredTable
 from hdsafebo.session.spaces.space import (
     MAX_INITIAL_TRIALS,
     TIME_COLUMN,
@@ -156,7 +156,7 @@ class GenericSpace(Space):
         """See `Space.check_result`."""
         self._split({**(result["outcomes"] or {}), **(result["safety"] or {})})
 
-    def initial_trials(self, table: Table) -> list[dict[str, Any]]:
+    def initial_trials(self, table: MeasuredTable) -> list[dict[str, Any]]:
         """One column per input, outcome and safety function, optionally time."""
         table.require([*self.inputs, *self.entries], [TIME_COLUMN], MAX_INITIAL_TRIALS)
         times = check_times(table)

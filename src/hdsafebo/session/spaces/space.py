@@ -15,7 +15,7 @@ from hdsafebo.session.definition import Definition
 from hdsafebo.session.errors import LimitError, RecordingError
 from hdsafebo.session.log.state import Point
 from hdsafebo.session.measuring.outcome_scale import OutcomeScale
-from hdsafebo.session.measuring.tables import Table
+from hdsafebo.session.measuring.tables import MeasuredTable
 
 TIME_COLUMN = "time"
 MAX_INITIAL_TRIALS = 20_000  # twice as many as a suggestion is made for in reasonable time
@@ -122,7 +122,7 @@ class Space(ABC):
         """
 
     @abstractmethod
-    def initial_trials(self, table: Table) -> list[dict[str, Any]]:
+    def initial_trials(self, table: MeasuredTable) -> list[dict[str, Any]]:
         """Initial trials of a table: point, outcomes, safety, details, time.
 
         Raises:
@@ -191,7 +191,7 @@ def check_keys(values: Mapping[str, Any], expected: tuple[str, ...], what: str) 
         raise RecordingError(f"{what} {', '.join(unknown)} unknown; expected {', '.join(expected)}")
 
 
-def check_times(table: Table) -> list[str | None]:
+def check_times(table: MeasuredTable) -> list[str | None]:
     """Times of the rows (ISO 8601) where the table has them; RecordingError where one goes back."""
     if TIME_COLUMN not in table.columns:
         return [None] * len(table)

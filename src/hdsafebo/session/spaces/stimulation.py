@@ -17,7 +17,7 @@ from hdsafebo.session.measuring.emg import activation, samples_digest, selectivi
 from hdsafebo.session.measuring.outcome_scale import LogScale
 from hdsafebo.session.measuring.recordings import read_recording
 from hdsafebo.session.measuring.stimulator import CONTACTS, Envelope, Polarity
-from hdsafebo.session.measuring.tables import Table
+from hdsafebo.session.measuring.tables import MeasuredTable
 from hdsafebo.session.spaces.space import (
     MAX_INITIAL_TRIALS,
     TIME_COLUMN,
@@ -167,7 +167,7 @@ class StimulationSpace(Space):
             ):
                 raise RecordingError("outcomes do not follow from the amplitudes")
 
-    def initial_trials(self, table: Table) -> list[dict[str, Any]]:
+    def initial_trials(self, table: MeasuredTable) -> list[dict[str, Any]]:
         """Columns e1 ... e16, current_ma, mu_MUSCLE (empty: no recording), score_RATER, optionally time."""
         mu_columns = [f"mu_{m}" for m in self.targets]
         score_columns = [f"score_{r}" for r in self.entries]
@@ -179,7 +179,7 @@ class StimulationSpace(Space):
         ]
 
     def _initial(
-        self, table: Table, row: int, mu_columns: list[str], score_columns: list[str]
+        self, table: MeasuredTable, row: int, mu_columns: list[str], score_columns: list[str]
     ) -> dict[str, Any]:
         try:
             point = self.point(

@@ -21,7 +21,7 @@ from hdsafebo.session.words import shown
 
 
 @dataclass(frozen=True)
-class Verdict:
+class IntactLog:
     """A log that was found intact.
 
     Attributes:
@@ -37,7 +37,7 @@ class Verdict:
     clock_steps: list[int]
 
 
-def verify_session(session: Session, *, head: str | None = None) -> Verdict:
+def verify_session(session: Session, *, head: str | None = None) -> IntactLog:
     """Check both copies of the whole log, every step by the rules, and both copies of every file.
 
     Args:
@@ -56,7 +56,7 @@ def verify_session(session: Session, *, head: str | None = None) -> Verdict:
     return _verdict(entries, len(digests), head)
 
 
-def verify_export(path: Path, *, head: str | None = None) -> Verdict:
+def verify_export(path: Path, *, head: str | None = None) -> IntactLog:
     """Check a single log (`audit.log`) by itself; see `verify_session`."""
     try:
         entries = read_log(path)
@@ -110,8 +110,8 @@ def replay(session: Session, on_entry: Callable[[Entry], None] = lambda entry: N
     return advisor.mismatches
 
 
-def _verdict(entries: list[Entry], files: int, head: str | None) -> Verdict:
+def _verdict(entries: list[Entry], files: int, head: str | None) -> IntactLog:
     if head is not None and head not in [e.hash for e in entries]:
         raise AuditError(f"no entry has the noted hash {head[:12]}...: the log was cut or replaced")
     steps = [b.seq for a, b in pairwise(entries) if b.time < a.time]
-    return Verdict(len(entries), entries[-1].hash, files, steps)
+    return IntactLog(len(entries), entries[-1].hash, files, steps)

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.session.advice.days import day_deviation, fit_days
 from hdsafebo.session.advice.informed import MOST_FITTED, kernel_inputs, new_optimizer
-from hdsafebo.session.log.state import Trial
+from hdsafebo.session.log.state import LoggedTrial
 from hdsafebo.session.session import Session
 from hdsafebo.typing import FloatArray, IntArray
 
@@ -30,7 +30,7 @@ class Believed:
         mean, deviation: posterior of the outcome without noise and the effect of a day.
     """
 
-    trial: Trial
+    trial: LoggedTrial
     mean: float
     deviation: float
 

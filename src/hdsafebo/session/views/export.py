@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from hdsafebo.files.atomic import replacing
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.chain import write_rows
-from hdsafebo.session.log.state import Trial
+from hdsafebo.session.log.state import LoggedTrial
 from hdsafebo.session.session import Session
 from hdsafebo.session.views.summary import is_unsafe
 from hdsafebo.session.words import shown
@@ -21,29 +24,35 @@ _FORMULA = ("=", "+", "-", "@", "|", "%", "\uff1d", "\uff0b", "\uff0d", "\uff20"
 def export_session(session: Session, folder: Path, *, recordings: bool = False) -> list[Path]:
     """Write `trials.parquet`, `trials.csv`, `suggestions.csv` and `audit.log`, and the recordings if asked.
 
+    Each file appears whole or not at all; after an error those written before it stay.
+
     Raises:
-        SessionError: a file cannot be written.
+        SessionError: a file cannot be written; the message names it.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     session.refresh()
-    trials = [_trial_row(session, t) for t in session.state.trials]
+    trials, suggestions = [_trial_row(session, t) for t in session.state.trials], _suggestion_rows(session)
     columns = list(dict.fromkeys(key for row in trials for key in row))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        paths = [folder / n for n in ("trials.parquet", "trials.csv", "suggestions.csv", "audit.log")]
-        pq.write_table(pa.table({c: [row.get(c) for row in trials] for c in columns}), paths[0])
-        _write_csv(paths[1], columns, trials)
-        suggestions = _suggestion_rows(session)
-        _write_csv(paths[2], list(suggestions[0]) if suggestions else ["suggestion"], suggestions)
-        paths[3].write_bytes(write_rows(list(session.entries)))
-        return paths + (_write_recordings(session, folder / "recordings") if recordings else [])
-    except OSError as error:
-        raise SessionError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    table = pa.table({c: [row.get(c) for row in trials] for c in columns})
+    writers: dict[str, Callable[[Path], object]] = {
+        "trials.parquet": partial(pq.write_table, table),
+        "trials.csv": partial(_write_csv, columns, trials),
+        "suggestions.csv": partial(
+            _write_csv, list(suggestions[0]) if suggestions else ["suggestion"], suggestions
+        ),
+        "audit.log": partial(_write_bytes, write_rows(list(session.entries))),
+    }
+    if recordings:
+        writers |= _recording_writers(session)
+    for name, write in writers.items():
+        with replacing(folder / name, SessionError) as temporary:
+            write(temporary)
+    return [folder / name for name in writers]
 
 
-def _trial_row(session: Session, trial: Trial) -> Row:
+def _trial_row(session: Session, trial: LoggedTrial) -> Row:
     belief = trial.belief or {}
     row: Row = {
         "trial": trial.number,
@@ -88,7 +97,7 @@ def _suggestion_rows(session: Session) -> list[Row]:
     ]
 
 
-def _write_csv(path: Path, columns: list[str], rows: list[Row]) -> None:
+def _write_csv(columns: list[str], rows: list[Row], path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(map(safe_cell, columns))
@@ -107,15 +116,21 @@ def safe_cell(value: object) -> object:
     return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
 
 
-def _write_recordings(session: Session, folder: Path) -> list[Path]:
+def _recording_writers(session: Session) -> dict[str, Callable[[Path], object]]:
     """One file per recording, named by its trial; the name given by the user supplies only the suffix."""
-    folder.mkdir(exist_ok=True)
-    paths = []
+    writers: dict[str, Callable[[Path], object]] = {}
     for trial in session.state.trials:
         recording = trial.details.get("recording")
         if recording is not None:
             suffix = Path(recording["name"]).suffix.lower()
-            path = folder / f"trial{trial.number:04d}{suffix if suffix in _SUFFIXES else ''}"
-            path.write_bytes(session.store.attachments.content(recording["sha256"]))
-            paths.append(path)
-    return paths
+            name = f"recordings/trial{trial.number:04d}{suffix if suffix in _SUFFIXES else ''}"
+            writers[name] = partial(_write_recording, session, recording["sha256"])
+    return writers
+
+
+def _write_recording(session: Session, digest: str, path: Path) -> None:
+    _write_bytes(session.store.attachments.content(digest), path)
+
+
+def _write_bytes(content: bytes, path: Path) -> None:
+    path.write_bytes(content)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hdsafebo.files.atomic import replacing
 from hdsafebo.session.errors import SessionError
-from hdsafebo.session.log.state import Trial
+from hdsafebo.session.log.state import LoggedTrial
 from hdsafebo.session.session import Session
 from hdsafebo.session.views.audit import verify_session
 from hdsafebo.session.views.believed import believed_best
@@ -187,7 +187,7 @@ def _all_trials(session: Session) -> Html:
 _TRIAL_HEAD = ("trial", "chosen by", "inputs", "target", "outcome", "predicted", "safety", "P(safe)", "who")
 
 
-def _trial_row(session: Session, trial: Trial) -> tuple[object, ...]:
+def _trial_row(session: Session, trial: LoggedTrial) -> tuple[object, ...]:
     target = trial.target or session.state.target
     belief = trial.belief or {}
     safety = ", ".join(f"{k} {v:g}" for k, v in (trial.safety or {}).items())
@@ -204,5 +204,5 @@ def _trial_row(session: Session, trial: Trial) -> tuple[object, ...]:
     )
 
 
-def _value(trial: Trial | None, target: str) -> str:
+def _value(trial: LoggedTrial | None, target: str) -> str:
     return "none" if trial is None or trial.outcomes is None else f"{trial.outcomes[target]:.4f}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hdsafebo.session.log.state import Trial
+from hdsafebo.session.log.state import LoggedTrial
 from hdsafebo.session.session import Session
 
 POINTS = 41
@@ -47,7 +47,7 @@ class Slice:
     trials: tuple[tuple[float, float, bool], ...]
 
 
-def slices(session: Session, trial: Trial) -> list[Slice]:
+def slices(session: Session, trial: LoggedTrial) -> list[Slice]:
     """Slices of the present target through a trial.
 
     Args:

@@ -10,7 +10,7 @@ import numpy as np
 
 from hdsafebo.gp.safe_set import alpha_of
 from hdsafebo.optimizers.settings import SafeSetSettings
-from hdsafebo.session.log.state import Suggestion, Trial
+from hdsafebo.session.log.state import LoggedSuggestion, LoggedTrial
 from hdsafebo.session.session import Session
 
 CALIBRATION_EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 1.0)
@@ -91,12 +91,12 @@ def promised(session: Session) -> dict[str, float]:
     return {"beta": beta, "alpha": alpha_of(beta)}
 
 
-def is_unsafe(session: Session, trial: Trial) -> bool:
+def is_unsafe(session: Session, trial: LoggedTrial) -> bool:
     """Whether a trial's safety values are known and miss a threshold."""
     return trial.safety is not None and not session.space.safe(trial.safety)
 
 
-def suggestion_data(session: Session, suggestion: Suggestion) -> dict[str, Any]:
+def suggestion_data(session: Session, suggestion: LoggedSuggestion) -> dict[str, Any]:
     """A suggestion as plain data."""
     return {
         "number": suggestion.number,
@@ -108,7 +108,7 @@ def suggestion_data(session: Session, suggestion: Suggestion) -> dict[str, Any]:
     }
 
 
-def trial_data(session: Session, trial: Trial) -> dict[str, Any]:
+def trial_data(session: Session, trial: LoggedTrial) -> dict[str, Any]:
     """A trial as plain data."""
     return {
         "number": trial.number,

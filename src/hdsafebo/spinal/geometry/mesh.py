@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from hdsafebo.errors import AnatomyError
 from hdsafebo.spinal.geometry.anatomy import CONUS, Anatomy
-from hdsafebo.spinal.geometry.section import Section
+from hdsafebo.spinal.geometry.section import CrossSection
 
 Array = NDArray[np.float64]
 SliceMap = Callable[[Array, Array, Array], tuple[Array, Array]]
@@ -32,7 +32,7 @@ class PrismMesh:
         x, y: positions of the nodes, mm, shape (slices, section nodes).
     """
 
-    section: Section
+    section: CrossSection
     z: Array
     x: Array
     y: Array
@@ -53,7 +53,7 @@ class PrismMesh:
         return along / np.linalg.norm(along, axis=0)
 
 
-def extrude(section: Section, z: Array, slice_map: SliceMap) -> PrismMesh:
+def extrude(section: CrossSection, z: Array, slice_map: SliceMap) -> PrismMesh:
     """Extrude a section along `z`.
 
     Args:
@@ -78,7 +78,7 @@ def extrude(section: Section, z: Array, slice_map: SliceMap) -> PrismMesh:
     return PrismMesh(section, z, x, y)
 
 
-def cord_mesh(anatomy: Anatomy, section: Section, step: float) -> PrismMesh:
+def cord_mesh(anatomy: Anatomy, section: CrossSection, step: float) -> PrismMesh:
     """The mesh of the whole model; `step` is the distance of the slices along cord and paddle, mm."""
     low = min(anatomy.place("L1", end=False), anatomy.paddle_rostral_edge) - _CORE_MARGIN
     high = max(float(anatomy.borders[-1]), anatomy.paddle_rostral_edge + anatomy.paddle_length) + _CORE_MARGIN

@@ -19,7 +19,7 @@ _DENSE = 2001  # points of the polyline that stands for a smooth curve
 
 
 @dataclass(frozen=True)
-class Section:
+class CrossSection:
     """A triangulated section.
 
     Attributes:
@@ -59,7 +59,7 @@ class EdgeLengths:
         )
 
 
-def cord_section(anatomy: Anatomy, lengths: EdgeLengths) -> Section:
+def cord_section(anatomy: Anatomy, lengths: EdgeLengths) -> CrossSection:
     """The reference section, that of the widest segment; `mesh` maps it along the cord.
 
     Args:
@@ -110,7 +110,7 @@ def graded_size(lengths: EdgeLengths, cord: tuple[float, float], contacts: tuple
     return size
 
 
-def build_section(regions: dict[str, Curve], size: Size, contacts_on: str) -> Section:
+def build_section(regions: dict[str, Curve], size: Size, contacts_on: str) -> CrossSection:
     """Triangulate nested tissues.
 
     Args:
@@ -125,7 +125,7 @@ def build_section(regions: dict[str, Curve], size: Size, contacts_on: str) -> Se
         outline = mesh.nodes[:, mesh.edges[list(regions)[index]]]
         tissue[_enclosed(centroid, outline)] = index
     boundary = np.unique(mesh.edges[list(regions)[-1]])
-    return Section(mesh.nodes, mesh.triangles, tissue, tuple(regions), boundary, mesh.edges[contacts_on])
+    return CrossSection(mesh.nodes, mesh.triangles, tissue, tuple(regions), boundary, mesh.edges[contacts_on])
 
 
 def circle(name: str, radius: float, marks: Sequence[float] = ()) -> Curve:
