@@ -123,13 +123,13 @@ def _about(kind: type[Optimizer]) -> str:
 
 def _curve(page: Page, root: Path) -> str:
     """The picture of its curve, where there is one."""
-    if not (root / f"docs/methods/curves/{page.name}.svg").is_file():
+    if not (root / f"docs/methods/curves/{page.name}.png").is_file():
         return ""
     alt = (
         f"Best safe value and share of safe trials of {style(page.name).label} over the number of trials, "
         "beside those of the other methods in grey"
     )
-    return f"![{alt}](curves/{page.name}.svg)\n\n[What the curves are of](index.md#curves)."
+    return f"![{alt}](curves/{page.name}.png)\n\n[What the curves are of](index.md#curves)."
 
 
 def _names(page: Page) -> list[str]:
