@@ -10,7 +10,7 @@ import pytest
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.build import build_report
 from hdsafebo.report.data.body_inputs import FILM, POLICIES, BodyInputs, BodyPolicies, read_body
-from hdsafebo.report.data.inputs import Film, Frame
+from hdsafebo.report.data.inputs import Frame, StoredFilm
 from hdsafebo.report.data.results import Results
 from hdsafebo.report.sections.base import Text
 from hdsafebo.report.sections.body import body_section
@@ -98,7 +98,7 @@ def test_the_section_shows_pictures_and_says_what_fails(tmp_path: Path) -> None:
         b"\x89PNG reflex",
         b"\x89PNG learnt",
     ]
-    [film] = [block for block in blocks if isinstance(block, Film)]
+    [film] = [block for block in blocks if isinstance(block, StoredFilm)]
     assert film.title.endswith("after one push: HdSafeBO-local and Best initial reflex.")
     assert "body_standing" in [block.name for block in blocks if isinstance(block, Table)]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hdsafebo.report.claims.base import OWN_LABELS, STATUS_LABELS, Claim, Status
-from hdsafebo.report.data.inputs import Film, StoredPicture
+from hdsafebo.report.data.inputs import StoredFilm, StoredPicture
 from hdsafebo.report.data.methods import DASHES, MethodStyle, style
 from hdsafebo.report.figures.drawing import Picture, save
 from hdsafebo.report.figures.panels import Figure
@@ -88,7 +88,7 @@ def _block(block: Any, figures: Path) -> dict[str, Any]:
         file = f"frame_{hashlib.sha256(block.data).hexdigest()[:12]}.png"
         (figures / file).write_bytes(block.data)
         return {"kind": "frame", "title": block.title, "file": file, "wide": block.is_wide}
-    if isinstance(block, Film):
+    if isinstance(block, StoredFilm):
         file = f"film_{hashlib.sha256(block.data).hexdigest()[:12]}.mp4"
         (figures / file).write_bytes(block.data)
         return {"kind": "film", "title": block.title, "file": file}

@@ -16,7 +16,7 @@ REFLEX = "reflex"
 """Name under which the best initial policy of a seed stands among methods."""
 
 
-class Outcome(BaseModel):
+class StoredOutcome(BaseModel):
     """What a policy did after some pushes (`problems.body_replay.Outcome` explains the fields)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -46,8 +46,8 @@ class BodyPolicy(BaseModel):
     seed: int
     trial: int
     objective: float
-    known: Outcome
-    unseen: Outcome | None
+    known: StoredOutcome
+    unseen: StoredOutcome | None
     picture: str | None
 
 

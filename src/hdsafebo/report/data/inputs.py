@@ -121,7 +121,7 @@ class StoredPicture:
 
 
 @dataclass(frozen=True)
-class Film:
+class StoredFilm:
     """A video (MP4) of another stage, shown as it is."""
 
     title: str

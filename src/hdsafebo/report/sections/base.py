@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from hdsafebo.report.data.inputs import Film, StoredPicture
+from hdsafebo.report.data.inputs import StoredFilm, StoredPicture
 from hdsafebo.report.figures.panels import Figure
 from hdsafebo.report.tables.results import Table
 
@@ -26,7 +26,7 @@ class Details:
     table: Table
 
 
-Block = Text | Figure | Table | Details | StoredPicture | Film
+Block = Text | Figure | Table | Details | StoredPicture | StoredFilm
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hdsafebo.report.data.body_inputs import REFLEX, BodyInputs, BodyPolicies, BodyPolicy
-from hdsafebo.report.data.inputs import Film, StoredPicture
+from hdsafebo.report.data.inputs import StoredFilm, StoredPicture
 from hdsafebo.report.data.methods import style
 from hdsafebo.report.data.results import Results
 from hdsafebo.report.figures.curves import front_figure
@@ -54,7 +54,7 @@ def _pictures(body: BodyInputs) -> list[Block]:
     if body.film is not None and drawn:
         names = " and ".join(style(policy.method).label for policy in reversed(drawn))
         blocks.append(
-            Film(f"The best policy (left) beside a reflex (right), after one push: {names}.", body.film)
+            StoredFilm(f"The best policy (left) beside a reflex (right), after one push: {names}.", body.film)
         )
     return blocks
 
