@@ -69,14 +69,15 @@ class Rows:
 def problem_of(name: str) -> FunctionProblem:
     """`box` or `rows`."""
     dimension = 6 if name == "box" else 2
-    problem = FunctionProblem(bowl, [[0.0] * dimension, [1.0] * dimension], [Safety("ball", 0.0)], name=name)
+    bounds = [[0.0] * dimension, [1.0] * dimension]
+    problem = FunctionProblem(bowl, bounds, [Safety("ball", 0.0)], name=name)
     if name == "rows":
         problem.candidates = Rows(np.random.default_rng(7).random((400, 2)))
     return problem
 
 
 def run(method: str) -> dict[str, Any]:
-    """Best safe value and safe share after every trial, by seed, on the first problem that the method takes."""
+    """Best safe value and safe share after every trial, on the first problem that the method takes."""
     for name in ("box", "rows"):
         try:
             return {"problem": name, "seeds": [_seed(method, problem_of(name), seed) for seed in SEEDS]}
