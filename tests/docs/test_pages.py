@@ -120,6 +120,8 @@ def test_every_linked_file_is_there(page: Path, project_root: Path) -> None:
     """As they are in a clone; `tools/check_site.py` follows the links of the built site."""
     for target in re.findall(r"\]\((?!https?:|#)([^)#\s]+)", page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), target
+        inside = (page.parent / target).resolve().is_relative_to(project_root / "docs")
+        assert inside or not page.is_relative_to(project_root / "docs"), f"{target} is no part of the site"
 
 
 def test_the_readme_is_one_page(project_root: Path) -> None:

@@ -1,4 +1,4 @@
-"""A page with the programs of `examples/` as they stand."""
+"""A page with the programs and session files of `examples/` as they stand."""
 
 from __future__ import annotations
 
@@ -18,8 +18,17 @@ def write(root: Path) -> dict[str, str]:
         "# Examples",
         "Whole programs, in the folder `examples` of a clone. The tests run each of them.",
         *(_part(path) for path in names),
+        *(_session(path) for path in sorted((root / "examples").glob("*/session.yaml"))),
     ]
     return {"docs/examples.md": "\n\n".join(parts) + "\n"}
+
+
+def _session(path: Path) -> str:
+    """A session file; the tables beside it are in the folder only."""
+    tables = ", ".join(f"`{table.name}`" for table in sorted(path.parent.glob("*.csv")))
+    source = path.read_text(encoding="utf-8").strip()
+    head = f"## {path.parent.name}\n\nA session file; beside it in the folder: {tables}."
+    return f'{head}\n\n```yaml title="examples/{path.parent.name}/{path.name}"\n{source}\n```'
 
 
 def _place(path: Path) -> tuple[int, str]:

@@ -44,7 +44,7 @@ def _stages(root: Path) -> str:
     ]
     for name, stage in stages_of(root).items():
         params = ", ".join(f"`{p}`" for p in stage.get("params", []) if isinstance(p, str)).replace("${", "{")
-        cost = costs.get("optimize" if name.startswith("optimize_") else name)
+        cost = costs.get(name)
         minutes, memory = ("–", "–") if cost is None else (f"{cost[0] / 60:.1f}", f"{cost[1] / 1000:.1f}")
         lines.append(f"| `{name}` | {stage['desc']} | {params} | {minutes} | {memory} |")
     return "\n".join(lines)
@@ -73,11 +73,17 @@ def _embedding(name: str) -> str:
     )
 
 
+def _family(task: str) -> str:
+    """The family of tasks of a task, such as `scs` of `scs_st_informed`."""
+    return task.split("_")[0]
+
+
 def _costs(root: Path) -> dict[str, tuple[float, float]]:
     """Seconds and peak megabytes of each stage, its items added up."""
     seconds: dict[str, float] = defaultdict(float)
     peak: dict[str, float] = defaultdict(float)
     for cost in json.loads((root / COSTS).read_text(encoding="utf-8")):
-        seconds[cost["stage"]] += cost["seconds"]
-        peak[cost["stage"]] = max(peak[cost["stage"]], cost["peak_mb"])
+        stage = cost["stage"] if cost["stage"] != "optimize" else f"optimize_{_family(cost['item'][0])}"
+        seconds[stage] += cost["seconds"]
+        peak[stage] = max(peak[stage], cost["peak_mb"])
     return {name: (seconds[name], peak[name]) for name in seconds}
