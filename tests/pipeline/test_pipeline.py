@@ -92,7 +92,7 @@ def test_every_output_is_there(finished: Path) -> None:
     summary = json.loads((finished / "reports" / "summary.json").read_text())
     assert summary["profile"] == "smoke"
     assert summary["traversal"]["rows"] == 218_000
-    assert {"synthetic", "hand", "scs_st"} <= set(summary)
+    assert {"synthetic", "hand", "body", "scs_st"} <= set(summary)
     page = (finished / "reports" / "index.html").read_text()
     assert page.rstrip().endswith("</html>")
     assert "http://" not in page.replace("http://www.w3.org", "")
@@ -112,7 +112,7 @@ def test_the_mlflow_store_has_an_experiment_per_task(finished: Path) -> None:
 
     client = MlflowClient(f"sqlite:///{finished / 'mlruns.db'}")
     names = {experiment.name for experiment in client.search_experiments()}
-    assert {"synthetic", "hand", "scs_st"} <= names
+    assert {"synthetic", "hand", "body", "scs_st"} <= names
 
 
 def test_a_second_repro_runs_nothing(finished: Path) -> None:
@@ -128,6 +128,12 @@ def test_a_second_repro_runs_nothing(finished: Path) -> None:
     [
         ("tasks.hand.budget.batch", 4, {"optimize_hand@", "report"}),
         ("tasks.synthetic.problem.threshold", -0.5, {"optimize_synthetic@", "report"}),
+        (
+            "tasks.body.problem.most_load",
+            200.0,
+            {"record_body", "optimize_body@", "replay_body", "report"},
+        ),
+        ("tasks.body.budget.batch", 2, {"optimize_body@", "replay_body", "report"}),
         ("isometry.points", 1000, {"check_isometry", "report"}),
         ("report.confidence", 0.9, {"report"}),
         (
@@ -165,7 +171,7 @@ def test_a_change_of_one_block_reruns_exactly_its_dependants(
 @pytest.mark.parametrize(
     ("module", "expected"),
     [
-        ("optimizers/baselines/scbo.py", set()),  # the smoke profile does not run it
+        ("optimizers/baselines/safeopt.py", set()),  # the smoke profile does not run it
         (
             "optimizers/controls/sobol.py",
             SOBOL_RUNS,
