@@ -10,7 +10,7 @@ import pytest
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.build import build_report
 from hdsafebo.report.data.body_inputs import FILM, POLICIES, BodyInputs, BodyPolicies, read_body
-from hdsafebo.report.data.inputs import StoredPicture, StoredFilm
+from hdsafebo.report.data.inputs import StoredFilm, StoredPicture
 from hdsafebo.report.data.results import Results
 from hdsafebo.report.sections.base import Text
 from hdsafebo.report.sections.body import body_section
