@@ -27,7 +27,7 @@ $(STAMP):
 	$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
 
-.PHONY: env repro test test-slow test-fast lint mlflow reference lock docs tutorials clean help
+.PHONY: env repro test test-slow test-fast lint mlflow reference lock docs tutorials package clean help
 
 env: $(STAMP)  ## build the virtual environment .venv
 
@@ -66,9 +66,14 @@ lock: $(STAMP)  ## pin all packages with their hashes, from pyproject.toml; UPGR
 docs: $(STAMP)  ## write the pages that come from the code and build the documentation into site/, warnings are errors
 	$(BIN)/python -m tools.docs
 	$(BIN)/zensical build --strict --config-file mkdocs.yml
+	$(BIN)/python -m tools.docs --finish site
+	$(BIN)/python tools/check_site.py site
 
 tutorials: $(STAMP)  ## run the tutorials and write their pages and pictures
 	$(BIN)/python -m tools.docs --tutorials
+
+package: $(STAMP)  ## build wheel and source archive, and install them into clean environments with each extra (an hour)
+	$(BIN)/python tools/check_package.py
 
 clean:  ## remove the environment, caches and what the pipeline made; sessions and the journal of runs stay
 	rm -rf $(VENV) build dist site $(wildcard .*_cache) .hypothesis src/*.egg-info

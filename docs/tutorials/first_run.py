@@ -21,10 +21,9 @@ def trial(speed, pressure):
     return {"roughness": 9 - pressure + abs(speed - 60) / 30, "force": 2 + 4 * pressure + speed / 50}
 
 
-# %% A study begins with what was tried already: careful settings far from the limit.
-study = Study(
-    system, alpha=0.95
-)  # every suggestion must be safe with a probability of 0.95, by the model's belief
+# %% A study begins with what was tried already: careful settings far from the limit. Every suggestion is to be safe with a
+# probability of at least 0.95.
+study = Study(system, alpha=0.95)  # by the model's belief
 starts = [{"speed": s, "pressure": p} for s in (15, 25, 40) for p in (0.5, 1.0, 2.0)]
 study.observe([start | trial(**start) for start in starts])
 
@@ -40,9 +39,11 @@ for number in range(1, 16):
         )
 
 # %% What came of it. The best trial is close to the limit: the lowest roughness lies there.
-print(study.best().believed)
+best = study.best().believed
+print({name: round(value, 2) for name, value in best.setting.items()})
+print({name: round(value, 2) for name, value in best.outcomes.items()})
 
-# %% picture: Left, the trials over speed and pressure: from the known careful settings they go straight to the edge of the shaded region, where the force is too large, and then along it. Right, the lowest roughness so far over the number of trials.
+# %% picture: Left, the trials over speed and pressure: from the known careful settings they move to the edge of the shaded region, where the force is too large, with a few of them elsewhere. Right, the lowest roughness so far over the number of trials.
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -15,14 +15,19 @@ def attributes(kind: type) -> dict[str, str]:
     for base in reversed(kind.__mro__):
         for section in _sections(base.__dict__.get("__doc__") or ""):
             if section.kind is DocstringSectionKind.attributes:
-                found |= {item.name: " ".join(item.description.split()) for item in section.value}
+                found |= {item.name: plain(" ".join(item.description.split())) for item in section.value}
     return found
 
 
 def text(docstring: str | None) -> str:
     """The free text of a docstring: first line as a sentence, indented blocks as they are."""
-    parts = [s.value for s in _sections(docstring or "") if s.kind is DocstringSectionKind.text]
-    return "\n\n".join(map(fence_blocks, parts))
+    parts = []
+    for section in _sections(docstring or ""):
+        if section.kind is DocstringSectionKind.text:
+            parts.append(fence_blocks(section.value))
+        elif section.kind is DocstringSectionKind.admonition:  # a line that ends with a colon, and a block
+            parts += [f"{section.title}:", f"```text\n{section.value.contents}\n```"]
+    return "\n\n".join(parts)
 
 
 def fence_blocks(source: str) -> str:
@@ -31,13 +36,21 @@ def fence_blocks(source: str) -> str:
     return "\n\n".join(map(_paragraph, paragraphs))
 
 
+def plain(source: str) -> str:
+    """Words as they stand: a star is a star, outside of code, unless it begins an item."""
+    parts = re.split(r"(`[^`]*`)", source)
+    return "".join(
+        part if part.startswith("`") else re.sub(r"(?m)(?<!^)\*|^\*(?! )", r"\\*", part) for part in parts
+    )
+
+
 def _paragraph(source: str) -> str:
     lines = source.splitlines()
     start = next((i for i, line in enumerate(lines) if line.startswith("    ")), None)
     if start is None:
-        return source
+        return plain(source)
     block = inspect.cleandoc("\n" + "\n".join(lines[start:]))
-    before = "\n".join(lines[:start])
+    before = plain("\n".join(lines[:start]))
     return f"{before}\n\n```text\n{block}\n```".strip()
 
 

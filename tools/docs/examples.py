@@ -13,13 +13,18 @@ ORDER = (
 
 def write(root: Path) -> dict[str, str]:
     """Texts by path below the project's root."""
-    names = sorted((root / "examples").glob("*.py"), key=lambda p: ORDER.index(p.stem))
+    names = sorted((root / "examples").glob("*.py"), key=_place)
     parts = [
         "# Examples",
         "Whole programs, in the folder `examples` of a clone. The tests run each of them.",
         *(_part(path) for path in names),
     ]
     return {"docs/examples.md": "\n\n".join(parts) + "\n"}
+
+
+def _place(path: Path) -> tuple[int, str]:
+    """Those that ORDER names, then all others."""
+    return (ORDER.index(path.stem) if path.stem in ORDER else len(ORDER), path.stem)
 
 
 def _part(path: Path) -> str:

@@ -44,6 +44,9 @@ LOOKS = {
 """Source of each method, and where it looks, for the table."""
 
 
+_OF_ONE_METHOD = {"hdsafebo.optimizers.local"}
+
+
 @dataclass(frozen=True)
 class Page:
     """A class of methods.
@@ -102,7 +105,7 @@ def _page(page: Page, root: Path) -> str:
     parts = [
         f"# {style(page.name).label}",
         f"`{page.name}`, from: {source}. Where it looks: {looks}.",
-        text(module.__doc__),
+        text(_about(page.kind)),
         text(page.kind.__doc__),
     ]
     parts += [_curve(page, root), *_names(page), *_departures(page)]
@@ -112,15 +115,21 @@ def _page(page: Page, root: Path) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
+def _about(kind: type[Optimizer]) -> str:
+    """Docstring of the method's module, or of its package where it has one to itself."""
+    package = kind.__module__.rpartition(".")[0]
+    return str(sys.modules[package if package in _OF_ONE_METHOD else kind.__module__].__doc__)
+
+
 def _curve(page: Page, root: Path) -> str:
     """The picture of its curve, where there is one."""
-    if not (root / f"docs/methods/curves/{page.name}.svg").is_file():
+    if not (root / f"docs/methods/curves/{page.name}.png").is_file():
         return ""
     alt = (
         f"Best safe value and share of safe trials of {style(page.name).label} over the number of trials, "
         "beside those of the other methods in grey"
     )
-    return f"![{alt}](curves/{page.name}.svg)\n\n[What the curves are of](index.md#curves)."
+    return f"![{alt}](curves/{page.name}.png)\n\n[What the curves are of](index.md#curves)."
 
 
 def _names(page: Page) -> list[str]:

@@ -57,4 +57,4 @@ def _drawing(rows: list[list[str]]) -> str:
 def _about(room: str) -> str:
     """First sentence of a room's docstring."""
     text = (import_module(f"hdsafebo.{room}").__doc__ or "").strip().split("\n\n")[0].replace("\n", " ")
-    return text.split(": `")[0].rstrip(".")
+    return text.split(": `")[0].rstrip(".").replace("`", "")

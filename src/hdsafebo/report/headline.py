@@ -48,7 +48,7 @@ def _outside(path: Path) -> list[tuple[str, str, str]]:
             f"Are trials safe? {count} constrained problems that others wrote",
             f"{100 * mean(safe[LOCAL]):.1f} % of the trials of `{LOCAL}` were safe (at least "
             f"{100 * min(safe[LOCAL]):.0f} % on each problem), {100 * mean(safe[PAPER]):.0f} % of those of "
-            f"`{PAPER}` (at least {100 * min(safe[PAPER]):.0f} %)",
+            f"`{PAPER}` with its published beta (at least {100 * min(safe[PAPER]):.0f} %)",
             link,
         ),
         (
