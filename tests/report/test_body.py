@@ -10,7 +10,7 @@ import pytest
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.build import build_report
 from hdsafebo.report.data.body_inputs import FILM, POLICIES, BodyInputs, BodyPolicies, read_body
-from hdsafebo.report.data.inputs import Frame, StoredFilm
+from hdsafebo.report.data.inputs import StoredFilm, StoredPicture
 from hdsafebo.report.data.results import Results
 from hdsafebo.report.sections.base import Text
 from hdsafebo.report.sections.body import body_section
@@ -94,7 +94,7 @@ def test_the_section_shows_pictures_and_says_what_fails(tmp_path: Path) -> None:
     told = "\n".join(block.text for block in blocks if isinstance(block, Text))
     assert "HdSafeBO-local: 50.0 % of the chosen trials unsafe, 0 marked" in told
     assert "1 of 4 episodes after known pushes and 4 of 4 after new ones end in a fall" in told
-    assert [block.data for block in blocks if isinstance(block, Frame)] == [
+    assert [block.data for block in blocks if isinstance(block, StoredPicture)] == [
         b"\x89PNG reflex",
         b"\x89PNG learnt",
     ]

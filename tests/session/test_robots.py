@@ -13,7 +13,7 @@ from hdsafebo.files.yaml import write_mapping
 from hdsafebo.optimizers.local.constrained import ConstrainedSearch
 from hdsafebo.session.create import create_session
 from hdsafebo.session.errors import DefinitionError, ExpiredError, LimitError, ProtocolError
-from hdsafebo.session.log.state import Trial
+from hdsafebo.session.log.state import LoggedTrial
 from hdsafebo.session.session import Session
 from hdsafebo.session.spaces.space import Report
 from hdsafebo.session.views.audit import replay, verify_session
@@ -31,7 +31,7 @@ def without_steps(kind: str = "box", **changes: Any) -> dict[str, Any]:
     return data | {"at_once": 3} | changes
 
 
-def run(trial: Trial) -> Report:
+def run(trial: LoggedTrial) -> Report:
     """The bowl; strain is its margin with the sign turned."""
     values = bowl(trial.point["values"])
     return Report(
