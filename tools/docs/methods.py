@@ -108,7 +108,7 @@ def _page(page: Page, root: Path) -> str:
         text(_about(page.kind)),
         text(page.kind.__doc__),
     ]
-    parts += [_curve(page, root), *_names(page), *_departures(page)]
+    parts += [*_names(page), *_departures(page)]
     settings = settings_of(page.kind.Settings)
     parts += ["## Settings", table(settings) if settings else "None."]
     parts += ["## Code", f"`{path}`, class `{page.kind.__name__}`"]
@@ -119,17 +119,6 @@ def _about(kind: type[Optimizer]) -> str:
     """Docstring of the method's module, or of its package where it has one to itself."""
     package = kind.__module__.rpartition(".")[0]
     return str(sys.modules[package if package in _OF_ONE_METHOD else kind.__module__].__doc__)
-
-
-def _curve(page: Page, root: Path) -> str:
-    """The picture of its curve, where there is one."""
-    if not (root / f"docs/methods/curves/{page.name}.png").is_file():
-        return ""
-    alt = (
-        f"Best safe value and share of safe trials of {style(page.name).label} over the number of trials, "
-        "beside those of the other methods in grey"
-    )
-    return f"![{alt}](curves/{page.name}.png)\n\n[What the curves are of](index.md#curves)."
 
 
 def _names(page: Page) -> list[str]:
