@@ -19,8 +19,8 @@ def hand_claims(results: Results) -> list[Claim]:
         "objective": (
             "On the hand HdSafeBO optimises more efficiently than the baselines over the PCA subspace."
         ),
-        "safety": "On the hand it samples fewer unsafe policies than the baselines.",
-        "violation": "On the hand its cumulative violation is the lowest.",
+        "safety": "On the hand HdSafeBO samples fewer unsafe policies than the baselines.",
+        "violation": "On the hand the cumulative violation of HdSafeBO is the lowest.",
     }
     claims = [
         superiority_claim(

@@ -18,8 +18,8 @@ def stimulation_claims(results: Results, stimulation: Stimulation | None) -> lis
     """The dataset; against the baselines, constrained and not."""
     texts = {
         "objective": "In stimulation of ST and GA HdSafeBO reaches the best selectivity.",
-        "safety": "In stimulation it keeps the highest safe selection ratio.",
-        "violation": "In stimulation it has the lowest cumulative violation.",
+        "safety": "In stimulation HdSafeBO keeps the highest safe selection ratio.",
+        "violation": "In stimulation HdSafeBO has the lowest cumulative violation.",
     }
     claims = [
         superiority_claim(

@@ -19,10 +19,10 @@ def synthetic_claims(results: Results) -> list[Claim]:
             "(3.96 against at most 3.15)."
         ),
         "safety": (
-            "On synthetic functions it has the highest safe decision ratio (0.81 against 0.77 to 0.79)."
+            "On synthetic functions HdSafeBO has the highest safe decision ratio (0.81 against 0.77 to 0.79)."
         ),
         "violation": (
-            "On synthetic functions it has the lowest cumulative violation (27.4 against 36.3 to 39.6)."
+            "On synthetic functions HdSafeBO has the lowest cumulative violation (27.4 against 36.3 to 39.6)."
         ),
     }
     claims = [
