@@ -10,7 +10,7 @@ export DVC_NO_ANALYTICS := 1
 export MLFLOW_DISABLE_TELEMETRY := true
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 # All that stages write, as dvc.yaml names it (tested): `make clean` removes this and no more.
-OUTPUTS := data/code data/policies data/rollouts data/runs data/spinal data/synergies \
+OUTPUTS := data/body data/code data/policies data/rollouts data/runs data/spinal data/synergies \
 	models/digits models/embeddings models/sac models/synergies \
 	reports/curves reports/figures reports/tables reports/index.html reports/summary.json \
 	reports/isometry.json reports/isometry_pairs.parquet

@@ -17,10 +17,7 @@ SYSTEM = System(
     ],
     contexts=[Real("payload", 0, 5, unit="kg")],
     objective=Objective("cycles", "maximise", unit="1/h"),
-    limits=[
-        Limit("sway", at_most=25, unit="mm", noise=0.3),
-        Limit("margin", at_least=0, unit="N", noise=0.3),
-    ],
+    limits=[Limit("sway", at_most=25, unit="mm", noise=0.3), Limit("slack", at_least=0, unit="N", noise=0.3)],
     settings=SETTINGS,
 )
 

@@ -71,7 +71,7 @@ def crane_truth(s: Mapping[str, float], payload: float) -> dict[str, float]:
     return {
         "cycles": cycles - 0.1 * max(grip - 30, 0.0),
         "sway": sway,
-        "margin": 0.9 * grip - payload * (6 + 1.5 * acceleration),
+        "slack": 0.9 * grip - payload * (6 + 1.5 * acceleration),
     }
 
 
@@ -92,7 +92,7 @@ def crane_starts(
     """Stored settings that were tried by hand with a light payload, with room to both limits."""
     rows = [{name: values[i] for name, values in settings.items()} for i in range(500)]
     true = [crane_truth(row, payload) for row in rows]
-    careful = [i for i, t in enumerate(true) if t["sway"] <= 18 and t["margin"] >= 5]
+    careful = [i for i, t in enumerate(true) if t["sway"] <= 18 and t["slack"] >= 5]
     chosen = rng.choice(careful, n, replace=False)
     return [rows[i] | {"payload": payload} | crane(rows[i], payload, rng) for i in chosen]
 

@@ -16,6 +16,8 @@ import pytest
 from hdsafebo.errors import ParamsError
 from hdsafebo.files.yaml import read_mapping, write_mapping
 
+pytestmark = pytest.mark.timeout(3600)  # the first test waits for the whole run
+
 COPIED = (
     "src",
     "stages",
