@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from hdsafebo.errors import ParamsError
 from hdsafebo.files.yaml import write_mapping
 from hdsafebo.session.create import create_session
 from hdsafebo.session.session import Session
+from hdsafebo.session.stream_option import add_stream_options
 from tests.session.measuring.outlets import Amplifier
 from tests.session.small import small_definition
 
@@ -123,3 +125,13 @@ def test_what_cannot_be_is_said(
         record(*words)
     assert message in capsys.readouterr().err
     assert not list(Path.cwd().glob("trial*.csv"))
+
+
+@pytest.mark.parametrize("text", ["1_0", "nan", "inf", "\u0662", "two"])
+def test_seconds_are_a_plain_number(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    add_stream_options(parser)
+    assert parser.parse_args(["--seconds", "1.5"]).seconds == 1.5
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--seconds", text])
+    assert "--seconds: invalid number value" in capsys.readouterr().err

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hdsafebo.session.errors import RecordingError, SessionError
-from hdsafebo.session.words import parse_number
+from hdsafebo.session.words import number, parse_number
 
 if TYPE_CHECKING:
     from hdsafebo.session.session import Session
@@ -25,7 +25,7 @@ def add_stream_options(record: argparse.ArgumentParser) -> None:
     )
     record.add_argument(
         "--seconds",
-        type=float,
+        type=number,
         default=_DEFAULT_S,
         help=f"how long to record the stream (default: {_DEFAULT_S:g})",
     )

@@ -61,8 +61,16 @@ def parse_number(text: str) -> float | None:
     """
     if not _NUMBER.fullmatch(text):
         return None
-    number = float(text)
-    return number if abs(number) < float("inf") else None
+    found = float(text)
+    return found if abs(found) < float("inf") else None
+
+
+def number(text: str) -> float:
+    """As `parse_number`, for the command line; ValueError when the text is none."""
+    found = parse_number(text)
+    if found is None:
+        raise ValueError(text)
+    return found
 
 
 def parse_whole_number(text: str) -> int | None:
@@ -72,10 +80,10 @@ def parse_whole_number(text: str) -> int | None:
 
 def whole_number(text: str) -> int:
     """As `parse_whole_number`, for the command line; ValueError when the text is none."""
-    number = parse_whole_number(text)
-    if number is None:
+    found = parse_whole_number(text)
+    if found is None:
         raise ValueError(text)
-    return number
+    return found
 
 
 def parse_assignments(words: list[str]) -> dict[str, float]:
