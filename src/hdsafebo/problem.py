@@ -117,8 +117,11 @@ class CandidateSet(Protocol):
 
 
 @runtime_checkable
-class ContextualSet(CandidateSet, Protocol):
-    """A finite set of what can be chosen; its inputs and features have the contexts of the moment, too."""
+class ContextualSet(Protocol):
+    """What a `CandidateSet` offers besides, where its inputs and features have the contexts of the moment, too.
+
+    Methods only: `isinstance` of a protocol reads a set's properties on Python 3.11, and `features` is dear.
+    """
 
     def hold(self, context: FloatArray, /) -> None:
         """Take the (c,) context columns as known from now on."""
