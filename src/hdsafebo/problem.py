@@ -118,7 +118,7 @@ class CandidateSet(Protocol):
 
 @runtime_checkable
 class ContextualSet(Protocol):
-    """What a `CandidateSet` offers besides, where its inputs and features have the contexts of the moment, too.
+    """What a `CandidateSet` offers besides, where its inputs have the contexts of the moment, too.
 
     Methods only: `isinstance` of a protocol reads a set's properties on Python 3.11, and `features` is dear.
     """
