@@ -8,7 +8,7 @@ import pytest
 from jaxtyping import TypeCheckError
 
 from hdsafebo.gp.kernel import exact_distances, matern52
-from hdsafebo.gp.safe_set import safe_probability
+from hdsafebo.gp.safe_set import safe_probabilities
 from hdsafebo.search.space import SearchSpace
 
 
@@ -16,7 +16,7 @@ def test_arrays_of_other_shapes_are_refused() -> None:
     with pytest.raises(TypeCheckError):
         exact_distances(np.zeros((3, 2)), np.zeros((3, 4)))
     with pytest.raises(TypeCheckError):
-        safe_probability(np.zeros((3, 2)), np.ones((3, 2)), np.zeros(3))
+        safe_probabilities(np.zeros((3, 2)), np.ones((3, 2)), np.zeros(3))
     with pytest.raises(TypeCheckError):
         matern52(np.zeros((3, 2), np.int64), 1.0)
     with pytest.raises(TypeCheckError):

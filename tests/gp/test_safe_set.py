@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from hdsafebo.errors import ParamsError
-from hdsafebo.gp.safe_set import alpha_of, beta_of, safe_probability, violation_bound
+from hdsafebo.gp.safe_set import alpha_of, beta_of, safe_probabilities, violation_bound
 
 
 def test_beta_two_promises_little() -> None:
@@ -34,10 +34,10 @@ def test_proposition_1(beta: float) -> None:
     assert share == pytest.approx(alpha_of(beta), abs=4 * np.sqrt(0.25 / len(g)))
 
 
-def test_probability_of_two_functions_is_the_product() -> None:
+def test_each_function_has_its_probability() -> None:
     mean, deviation = np.array([[1.0, -0.5]]), np.array([[0.5, 1.0]])
-    expected = norm.sf(0.2, 1.0, 0.5) * norm.sf(0.3, -0.5, 1.0)
-    np.testing.assert_allclose(safe_probability(mean, deviation, np.array([0.2, 0.3])), [expected])
+    expected = [norm.sf(0.2, 1.0, 0.5), norm.sf(0.3, -0.5, 1.0)]
+    np.testing.assert_allclose(safe_probabilities(mean, deviation, np.array([0.2, 0.3])), [expected])
 
 
 @pytest.mark.parametrize("mu", [-1.0, 0.0, 0.4, 2.0])

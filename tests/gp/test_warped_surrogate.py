@@ -111,6 +111,43 @@ def test_violation_bound_is_the_expected_violation(model: WarpedSurrogate) -> No
     assert (model.violation_bound(QUERY, -2.0) >= model.violation_bound(QUERY, None) - 1e-12).all()
 
 
+def test_what_is_predicted_of_known_noise_is_the_next_measurement() -> None:
+    """Variances of function and measurement add up; the noise is converted where the threshold decides."""
+    objective, safety = outcomes(X)
+    sd = np.array([0.1, 0.3, 0.05])
+    measured = fit_warped_surrogate(
+        X, objective, safety, np.zeros(2), best=float(objective.max()), noise=np.tile(sd, (len(X), 1))
+    )
+    of_function = replace(
+        measured, safety=tuple(replace(process, predicted_noise=0.0) for process in measured.safety)
+    )
+    assert measured.objective.predicted_noise == 0.0, "of the objective the function is looked for"
+    mean, deviation = measured.posteriors.over(QUERY, SAFETY)
+    plain_mean, plain = of_function.posteriors.over(QUERY, SAFETY)
+    np.testing.assert_array_equal(mean, plain_mean)
+    for j, process in enumerate(measured.safety):
+        near = process.outcomes.apply(np.array([-1e-6, 1e-6]))
+        slope = (near[1] - near[0]) / 2e-6
+        np.testing.assert_allclose(deviation[j] ** 2 - plain[j] ** 2, (slope * sd[1 + j]) ** 2, rtol=1e-6)
+        np.testing.assert_allclose(process.standard_deviation(process.correlation(QUERY)), deviation[j])
+    *_, by_deviation = measured.posteriors.at(QUERY[4])
+    for i in range(3):
+        move = 1e-4 * np.eye(3)[i]
+        up, down = (measured.posteriors.at(QUERY[4] + way * move)[1] for way in (1, -1))
+        np.testing.assert_allclose((up - down) / 2e-4, by_deviation[:, i], rtol=0.02, atol=1e-4)
+    np.testing.assert_allclose(
+        measured.safety[0].smoothed_deviation, measured.posteriors.over(X, SAFETY)[1][0], rtol=1e-4
+    )
+    many = np.random.default_rng(0).random((400, 3))
+    assert measured.believed_safe(many, -2.0).sum() < of_function.believed_safe(many, -2.0).sum()
+    some_unknown = np.tile(sd, (len(X), 1))
+    some_unknown[3, 1] = np.nan
+    partly = fit_warped_surrogate(
+        X, objective, safety, np.zeros(2), best=float(objective.max()), noise=some_unknown
+    )
+    assert partly.safety[0].predicted_noise == 0.0 < partly.safety[1].predicted_noise
+
+
 def test_state_survives_json(model: WarpedSurrogate) -> None:
     state = WarpedState.from_json(json.loads(json.dumps(model.state.to_json(), allow_nan=False)))
     assert state == model.state

@@ -32,19 +32,19 @@ def alpha_of(beta: float) -> float:
     return float(ndtr(-beta))
 
 
-def safe_probability(
+def safe_probabilities(
     mean: Shaped[FloatArray, "n m"],
     deviation: Shaped[FloatArray, "n m"],
     thresholds: Shaped[FloatArray, " m"],
-) -> Shaped[FloatArray, " n"]:
-    """(n,) probability that every safety function meets its threshold; they are modelled independently.
+) -> Shaped[FloatArray, "n m"]:
+    """(n, m) probability that each safety function meets its threshold.
 
     Args:
         mean: (n, m) posterior means.
         deviation: (n, m) posterior standard deviations, positive.
         thresholds: (m,).
     """
-    return np.asarray(ndtr((mean - thresholds) / deviation).prod(axis=1))
+    return np.asarray(ndtr((mean - thresholds) / deviation))
 
 
 def violation_bound(

@@ -17,7 +17,7 @@ from hdsafebo.errors import SurrogateError
 from hdsafebo.gp.fit import NoisePrior, fit_gaussian_process
 from hdsafebo.gp.gaussian_process import GaussianProcess, Hyperparameters
 from hdsafebo.gp.kernel import exact_distances
-from hdsafebo.gp.safe_set import safe_probability, violation_bound
+from hdsafebo.gp.safe_set import safe_probabilities, violation_bound
 from hdsafebo.problem import Safety
 from hdsafebo.typing import BoolArray, FloatArray, Shaped
 
@@ -116,8 +116,12 @@ class Beliefs(ABC):
         """(k,) True where every safety function's bound meets its threshold."""
 
     @abstractmethod
+    def safe_probabilities(self, x: FloatArray) -> FloatArray:
+        """(k, m) probability that each modelled safety function meets its threshold."""
+
     def safe_probability(self, x: FloatArray) -> FloatArray:
-        """(k,) probability that every modelled safety function meets its threshold."""
+        """(k,) probability that all of them do; they are modelled independently."""
+        return np.asarray(self.safe_probabilities(x).prod(axis=1))
 
     @abstractmethod
     def violation_bound(self, x: FloatArray, beta: float | None) -> FloatArray:
@@ -209,9 +213,9 @@ class Surrogate(Beliefs):
             safe[rows[~passed]] = False
         return safe
 
-    def safe_probability(self, x: Shaped[FloatArray, "k p"]) -> Shaped[FloatArray, " k"]:
-        """(k,) probability that every modelled safety function meets its threshold."""
-        return safe_probability(*self.predict_safety(x), self.thresholds)
+    def safe_probabilities(self, x: Shaped[FloatArray, "k p"]) -> Shaped[FloatArray, "k m"]:
+        """(k, m) probability that each modelled safety function meets its threshold."""
+        return safe_probabilities(*self.predict_safety(x), self.thresholds)
 
     def violation_bound(self, x: Shaped[FloatArray, "k p"], beta: float | None) -> Shaped[FloatArray, " k"]:
         """(k,) bound on the expected violation (see `safe_set.violation_bound`), in the models' units."""

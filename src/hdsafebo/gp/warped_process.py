@@ -44,6 +44,9 @@ class WarpedProcess:
             next to the data, where nearly all of the variance is explained, decide whether a bound holds.
         mean, variance: of the prior, standardised.
         weights: (n,) solution of the correlation for values - mean.
+        jitter: what the diagonal needed beyond the noise.
+        predicted_noise: variance of one measurement over the signal variance, added to predicted variances
+            when predictions are of what will be measured; 0 when they are of the function.
     """
 
     inputs: FloatArray
@@ -56,10 +59,16 @@ class WarpedProcess:
     variance: float
     weights: FloatArray
     jitter: float
+    predicted_noise: float = 0.0
 
     @classmethod
-    def of(cls, inputs: FloatArray, y: FloatArray, fit: WarpedFit, outcomes: Standard) -> WarpedProcess:
+    def of(
+        cls, inputs: FloatArray, y: FloatArray, fit: WarpedFit, outcomes: Standard, measured: float = 0.0
+    ) -> WarpedProcess:
         """The posterior given (n, d) points, their (n,) outcomes, and a fit to them.
+
+        Args:
+            measured: standardised variance of one measurement, when that is what is to be predicted.
 
         Raises:
             SurrogateError: the covariance cannot be factorised.
@@ -70,7 +79,8 @@ class WarpedProcess:
         root, _ = lapack.dtrtri(factor, lower=1)
         values = outcomes.apply(y)
         mean, variance, weights = profile(root.T @ root, values)
-        return cls(inputs, outcomes, fit, values, factor, root, mean, variance, weights, jitter)
+        noise = measured / variance
+        return cls(inputs, outcomes, fit, values, factor, root, mean, variance, weights, jitter, noise)
 
     @cached_property
     def length_scales(self) -> FloatArray:
@@ -99,9 +109,9 @@ class WarpedProcess:
 
     @cached_property
     def smoothed_deviation(self) -> FloatArray:
-        """(n,) posterior deviation at the data, standardised."""
+        """(n,) posterior deviation at the data, standardised; of noise, `predicted_noise` alone."""
         share = np.maximum(1.0 - self._ratio * np.einsum("ij,ij->j", self.root, self.root), 0.0)
-        return self.signal_deviation * np.sqrt(self._ratio * share)
+        return self.signal_deviation * np.sqrt(self._ratio * share + self.predicted_noise)
 
     @property
     def _ratio(self) -> float:
@@ -118,17 +128,17 @@ class WarpedProcess:
         return np.asarray(self.mean + correlation @ self.weights)
 
     def standard_deviation(self, correlation: FloatArray) -> FloatArray:
-        """(k,) posterior deviations, standardised, likewise."""
+        """(k,) posterior deviations, standardised, likewise; of noise, `predicted_noise` alone."""
         half = correlation @ self.root.T
         remaining = np.maximum(1.0 - np.einsum("ij,ij->i", half, half), _LEAST_VARIANCE)
-        return self.signal_deviation * np.sqrt(remaining)
+        return self.signal_deviation * np.sqrt(remaining + self.predicted_noise)
 
     def predict_mean(self, x: FloatArray) -> FloatArray:
         """(k,) medians in the outcomes' units at (k, d) points."""
         return self.outcomes.restore(self.standard_mean(self.correlation(x)))
 
     def predict(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(k,) medians and deviations in the outcomes' units, without noise; see the module."""
+        """(k,) medians and deviations in the outcomes' units; see the module and `standard_deviation`."""
         k = self.correlation(x)
         mean, deviation = self.standard_mean(k), self.standard_deviation(k)
         low, middle, high = (self.outcomes.restore(mean + s * deviation) for s in (-1.0, 0.0, 1.0))
@@ -161,6 +171,7 @@ class Posteriors:
         self.lengths = np.array([p.length_scales for p in processes])  # (m, d)
         self.mean = np.array([p.mean for p in processes])
         self.signal = np.array([p.signal_deviation for p in processes])
+        self.noise = np.array([p.predicted_noise for p in processes])
         self._scaled = processes[0].inputs / self.lengths[:, None, :]  # (m, n, d)
         self._norms = np.einsum("mnd,mnd->mn", self._scaled, self._scaled)
         self._roots = np.array([p.root for p in processes])  # (m, n, n)
@@ -196,7 +207,7 @@ class Posteriors:
         if believed is not None:
             gradients[0, 1] -= 2.0 * (told * steep) @ apart
         gradients /= self.lengths[:, None, :]
-        root = np.sqrt(np.maximum(remaining, _LEAST_VARIANCE))
+        root = np.sqrt(np.maximum(remaining, _LEAST_VARIANCE) + self.noise)
         by_deviation = gradients[:, 1] * (0.5 * self.signal / root)[:, None]
         mean = self.mean + (k * self._weights).sum(axis=1)
         return mean, self.signal * root, gradients[:, 0], by_deviation
@@ -213,7 +224,8 @@ class Posteriors:
             if j == 0 and self._believed is not None:
                 shared = self._shared(scaled, k, self._believed)
                 remaining -= np.einsum("ij,ij->i", shared @ self._believed.inverse, shared)
-            deviations.append(self.signal[j] * np.sqrt(np.maximum(remaining, _LEAST_VARIANCE)))
+            remaining = np.maximum(remaining, _LEAST_VARIANCE) + self.noise[j]
+            deviations.append(self.signal[j] * np.sqrt(remaining))
         return np.array(means), np.array(deviations)
 
     def believing(self, points: FloatArray) -> Posteriors:

@@ -103,6 +103,10 @@ class WarpedSurrogate(Beliefs):
         """(m,) multiples of the models' deviations that beta stands for."""
         return beta * self.inflation * (_DISTRUST if beta < 0 else 1.0)
 
+    def taken_by_noise(self, beta: float) -> FloatArray:
+        """(m,) what the noise of a measurement alone takes from the bounds where beta is negative."""
+        return self.counted(beta) * self.posteriors.signal[SAFETY] * np.sqrt(self.posteriors.noise[SAFETY])
+
     def predict_safety(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(k, m) medians and deviations of the safety functions, in their units, at (k, d) points."""
         predictions = [p.predict(x) for p in self.safety]
@@ -118,11 +122,11 @@ class WarpedSurrogate(Beliefs):
         """(k,) True where mu + beta * sigma >= h for every safety function, standardised."""
         return self.slack(x, beta) >= 0
 
-    def safe_probability(self, x: FloatArray) -> FloatArray:
-        """(k,) probability that every modelled safety function meets its threshold."""
+    def safe_probabilities(self, x: FloatArray) -> FloatArray:
+        """(k, m) probability that each modelled safety function meets its threshold."""
         mean, deviation = self.posteriors.over(x, SAFETY)
         z = (mean - self.standard_thresholds[:, None]) / (deviation * self.inflation[:, None])
-        return np.asarray(ndtr(z).prod(axis=0))
+        return np.asarray(ndtr(z).T)
 
     def violation_bound(self, x: FloatArray, beta: float | None) -> FloatArray:
         """(k,) bound on the expected violation, in the models' units (see `safe_set.violation_bound`)."""
@@ -157,7 +161,8 @@ def fit_warped_surrogate(
         thresholds: (m,) transformed thresholds: the centres of the safety functions' warps.
         best: value of the objective that its warp is centred at.
         start: of the last fit.
-        noise: (n, 1 + m) known standard deviations of objective and safety values, NaN where unknown.
+        noise: (n, 1 + m) known standard deviations of objective and safety values, NaN where unknown. What is
+            predicted of a safety function whose noise is known throughout is its next measurement.
 
     Raises:
         SurrogateError: a covariance cannot be factorised, or the inputs are not finite.
@@ -172,8 +177,9 @@ def fit_warped_surrogate(
         else [start.objective, *start.safety]
     )
     known = np.full((len(inputs), len(columns)), np.nan) if noise is None else noise
-    processes = [
-        WarpedProcess.of(inputs, y, *fit_warped(inputs, y, c, s, sd))
-        for y, c, s, sd in zip(columns, centres, starts, known.T, strict=True)
-    ]
+    processes = []
+    for j, (y, centre, begin, sd) in enumerate(zip(columns, centres, starts, known.T, strict=True)):
+        fit, outcomes = fit_warped(inputs, y, centre, begin, sd)
+        measured = outcomes.variance(np.full(len(y), centre), sd) if j and np.isfinite(sd).all() else 0.0
+        processes.append(WarpedProcess.of(inputs, y, fit, outcomes, measured))
     return WarpedSurrogate(processes[0], tuple(processes[1:]), thresholds, np.ones(len(thresholds)))

@@ -88,8 +88,6 @@ def predict(optimizer: Optimizer, x: FloatArray) -> pd.DataFrame:
     """
     import pandas as pd
 
-    from hdsafebo.gp.safe_set import safe_probability
-
     problem = optimizer.problem
     assert isinstance(problem, SystemProblem)
     system, surrogate = problem.codec.system, optimizer.surrogate
@@ -100,18 +98,17 @@ def predict(optimizer: Optimizer, x: FloatArray) -> pd.DataFrame:
         system.objective.name + DEVIATION: sd,
     }
     means, sds = surrogate.predict_safety(inputs)
+    safe = surrogate.safe_probabilities(inputs)
     j = 0
     for limit in system.limits:
         sides = slice(j, j + len(limit.sides))
         columns[limit.name] = limit.sides[0][0] * means[:, j]
         columns[limit.name + DEVIATION] = sds[:, j]
-        columns[limit.name + SAFE] = safe_probability(
-            means[:, sides], sds[:, sides], surrogate.thresholds[sides]
-        )
+        columns[limit.name + SAFE] = safe[:, sides].prod(axis=1)
         j = sides.stop
     if means.shape[1] > j:
-        columns["completes" + SAFE] = safe_probability(means[:, j:], sds[:, j:], surrogate.thresholds[j:])
-    columns[SAFE_PROBABILITY] = safe_probability(means, sds, surrogate.thresholds)
+        columns["completes" + SAFE] = safe[:, j:].prod(axis=1)
+    columns[SAFE_PROBABILITY] = safe.prod(axis=1)
     return pd.DataFrame(columns)
 
 

@@ -120,8 +120,10 @@ class ConstrainedSearch(RegionSearch):
             return None
         margins = np.array([p.smoothed for p in model.safety]) - model.standard_thresholds[:, None]
         deviations = np.array([p.smoothed_deviation for p in model.safety])
-        bounds = (1.0 - _KEPT) * margins + model.counted(min(self.confidence, 0.0))[:, None] * deviations
-        believed = own & (bounds >= 0).all(axis=0)
+        beta = min(self.confidence, 0.0)
+        kept = _KEPT * (margins + model.taken_by_noise(beta)[:, None])
+        bounds = margins + model.counted(beta)[:, None] * deviations
+        believed = own & (bounds >= kept).all(axis=0)
         which = believed if believed.any() else own
         return int(rows[which][model.objective.smoothed[which].argmax()])
 
@@ -164,9 +166,12 @@ class ConstrainedSearch(RegionSearch):
         thresholds, signal = model.standard_thresholds, model.posteriors.signal[SAFETY]
         if beta >= 0:  # no promise is wanted
             return SafeMargins(model.counted(beta), thresholds, np.inf * signal)
-        margin = np.array([p.smoothed[at] for p in model.safety]) - thresholds
+        margin = np.array([p.smoothed[at] for p in model.safety]) - thresholds + model.taken_by_noise(beta)
         floors = thresholds + _KEPT * np.maximum(margin, 0.0)
-        return SafeMargins(model.counted(beta), floors, _CAP * signal)
+        noise = model.posteriors.noise[SAFETY]
+        unknown = _CAP**2 + noise / (1.0 + noise)  # the latter is what one measurement of a point leaves
+        caps = signal * np.sqrt(unknown + noise)
+        return SafeMargins(model.counted(beta), floors, caps)
 
     def _probes(self, n: int) -> FloatArray:
         """Distances of the probes, those of single trials as if they were a batch."""

@@ -61,7 +61,8 @@ class Expectations:
         for j, process in enumerate(surrogate.safety):
             outcomes = process.outcomes
             rows[:, j, :4] = outcomes.warp.centre, outcomes.warp.scale, outcomes.shift, outcomes.unit
-            rows[:, j, 4], rows[:, j, 5] = mean[j], deviation[j] ** 2
+            rows[:, j, 4] = mean[j]
+            rows[:, j, 5] = deviation[j] ** 2 - process.predicted_noise * process.variance
             rows[:, j, 6] = process.noise_variance
         other = ~np.isin(self._ids, ids)  # of proposals that were not asked in the end nothing stays
         self._ids, self._expected = self._ids[other], self._expected[other]
