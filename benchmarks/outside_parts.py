@@ -22,7 +22,7 @@ from outside_problems import outside_problem
 from hdsafebo.files.atomic import write_json
 from hdsafebo.gp import warped_fit, warped_surrogate
 from hdsafebo.gp.warped_process import Posteriors
-from hdsafebo.optimizers.local import constrained, constrained_batch, expectations
+from hdsafebo.optimizers.local.constrained import batch, expectations, search
 from hdsafebo.progress import track
 from hdsafebo.typing import FloatArray
 
@@ -45,15 +45,15 @@ PARTS: dict[str, list[tuple[object, str, object]]] = {
     "warp": [(warped_surrogate, "warp_scales", lambda y, centre: ())],
     "a length scale per input": [(warped_fit, "_loss", _equal_lengths)],
     "shared prior of length scales": [(warped_fit, "_DIFFERENCE", 10.0)],
-    "kept margin": [(constrained, "_KEPT", 0.0)],
-    "largest deviation": [(constrained, "_CAP", np.inf)],
+    "kept margin": [(search, "_KEPT", 0.0)],
+    "largest deviation": [(search, "_CAP", np.inf)],
     "1.5 deviations": [(warped_surrogate, "_DISTRUST", 1.0)],
     "distrust after errors": [
         (expectations.Expectations, "inflation", lambda self, safety: np.ones(len(safety)))
     ],
-    "probes": [(constrained_batch.Batch, "probe", lambda self, distance: None)],
+    "probes": [(batch.Batch, "probe", lambda self, distance: None)],
     "objective told its means": [(Posteriors, "believing", lambda self, points: self)],
-    "look everywhere": [(constrained, "_STALLED_ROUNDS", 1000)],
+    "look everywhere": [(search, "_STALLED_ROUNDS", 1000)],
 }
 """What is taken out, and the names that stand in for it."""
 

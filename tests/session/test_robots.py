@@ -10,7 +10,7 @@ import pytest
 
 from hdsafebo.errors import ParamsError
 from hdsafebo.files.yaml import write_mapping
-from hdsafebo.optimizers.local.constrained import ConstrainedSearch
+from hdsafebo.optimizers.local.constrained.search import ConstrainedSearch
 from hdsafebo.session.create import create_session
 from hdsafebo.session.errors import DefinitionError, ExpiredError, LimitError, ProtocolError
 from hdsafebo.session.log.state import LoggedTrial

@@ -209,7 +209,7 @@ class Optimizer(Knowledge[S]):
         Its inputs are codes z (kernel inputs, for methods with kernel inputs of their own); its outputs have
         the units of the outcomes, after each safety function's transform.
         """
-        from hdsafebo.optimizers.core.botorch_model import to_botorch
+        from hdsafebo.optimizers.export.botorch_model import to_botorch
 
         return to_botorch(self.surrogate, self.space if self._kernel_measures_codes() else None)
 

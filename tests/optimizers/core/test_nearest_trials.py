@@ -13,7 +13,7 @@ from hdsafebo.errors import ParamsError
 from hdsafebo.gp import surrogate as surrogates
 from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.optimizers.hdsafebo import HdSafeBO
-from hdsafebo.optimizers.local import constrained
+from hdsafebo.optimizers.local.constrained import search
 from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
 from hdsafebo.optimizers.registry import make_optimizer
 from hdsafebo.trials import Status
@@ -86,7 +86,7 @@ def test_no_fit_has_more_trials_than_the_bound(monkeypatch: pytest.MonkeyPatch, 
         monkeypatch.setattr(module, name, counted)
 
     count(surrogates, "fit_gaussian_process")
-    count(constrained, "fit_warped_surrogate")
+    count(search, "fit_warped_surrogate")
     made = make_optimizer(method, bowl_problem(), seed=2, max_fitted_trials=15)
     observe_initial(made)
     run_rounds(made, 4)

@@ -13,7 +13,7 @@ from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.fits import State
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
-from hdsafebo.optimizers.local.constrained import ConstrainedSearch
+from hdsafebo.optimizers.local.constrained.search import ConstrainedSearch
 from hdsafebo.optimizers.local.hidden import HiddenSearch
 from hdsafebo.optimizers.local.pools import PoolSearch
 from hdsafebo.optimizers.local.restarts import Restarts

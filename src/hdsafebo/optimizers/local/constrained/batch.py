@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hdsafebo.gp.warped_process import Posteriors
 from hdsafebo.gp.warped_surrogate import SAFETY
-from hdsafebo.optimizers.local.constrained_ascent import Climb, SafeMargins
+from hdsafebo.optimizers.local.constrained.ascent import Climb, SafeMargins
 from hdsafebo.typing import FloatArray
 
 _CANDIDATES = 500

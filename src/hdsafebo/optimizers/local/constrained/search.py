@@ -33,9 +33,9 @@ from hdsafebo.optimizers.base import Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
 from hdsafebo.optimizers.core.fits import State, known_noise
 from hdsafebo.optimizers.local.base import RegionSearch, SearchingOptimizer
-from hdsafebo.optimizers.local.constrained_ascent import SafeMargins
-from hdsafebo.optimizers.local.constrained_batch import Batch, candidates_around
-from hdsafebo.optimizers.local.expectations import Expectations
+from hdsafebo.optimizers.local.constrained.ascent import SafeMargins
+from hdsafebo.optimizers.local.constrained.batch import Batch, candidates_around
+from hdsafebo.optimizers.local.constrained.expectations import Expectations
 from hdsafebo.search.region import TrustRegionRule, safe_update
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.gp.surrogate import fit_surrogate
-from hdsafebo.optimizers.core.botorch_model import to_botorch
+from hdsafebo.optimizers.export.botorch_model import to_botorch
 from hdsafebo.search.space import SearchSpace
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")

@@ -45,7 +45,7 @@ def _warped(process: WarpedProcess, space: SearchSpace | None) -> SingleTaskGP:
     from gpytorch.means import ConstantMean
     from gpytorch.settings import min_fixed_noise
 
-    from hdsafebo.optimizers.core.botorch_warp import WarpedOutcome
+    from hdsafebo.optimizers.export.botorch_warp import WarpedOutcome
 
     inputs, transform = process.inputs, None
     if space is not None:

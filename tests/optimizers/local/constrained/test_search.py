@@ -6,7 +6,7 @@ import pytest
 from hdsafebo.errors import NoSafePointError, TrialError
 from hdsafebo.gp.warped_surrogate import WarpedSurrogate
 from hdsafebo.optimizers.local.ascents import AscentSearch
-from hdsafebo.optimizers.local.constrained import ConstrainedSearch
+from hdsafebo.optimizers.local.constrained.search import ConstrainedSearch
 from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
 from hdsafebo.problem import FunctionProblem, Safety
 from hdsafebo.trials import Status

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.gp.warped_surrogate import SAFETY, WarpedSurrogate, fit_warped_surrogate
-from hdsafebo.optimizers.local.expectations import Expectations
+from hdsafebo.optimizers.local.constrained.expectations import Expectations
 
 X = np.random.default_rng(0).random((40, 2))
 QUERY = np.random.default_rng(1).random((4, 2))
