@@ -128,8 +128,10 @@ def _mlflow(arguments: argparse.Namespace) -> None:
         page = f"http://127.0.0.1:{arguments.port}/#/experiments/{number}?workflowType=machine_learning"
         print(f"{name}: {page}", flush=True)
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    # One person looks: MLflow would start four servers, and six consumers of jobs that nothing here submits.
+    os.environ.setdefault("MLFLOW_SERVER_ENABLE_JOB_EXECUTION", "false")
     command = [sys.executable, "-m", "mlflow", "ui", "--host", "127.0.0.1", "--port", str(arguments.port)]
-    os.execv(sys.executable, [*command, "--backend-store-uri", default_uri(arguments.root)])
+    os.execv(sys.executable, [*command, "--workers", "1", "--backend-store-uri", default_uri(arguments.root)])
 
 
 def _keep_reference(arguments: argparse.Namespace) -> None:
