@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
-from hdsafebo.errors import DatasetError
+from hdsafebo.report.data.json_files import read_model
 
 POLICIES = "data/body/policies"
 FILM = "best_beside_reflex.mp4"
@@ -90,19 +89,7 @@ def read_body(root: Path) -> BodyInputs:
     folder = root / POLICIES
     film = folder / FILM
     return BodyInputs(
-        played=_read(folder / "policies.json"),
+        played=read_model(folder / "policies.json", BodyPolicies),
         strips={path.name: path.read_bytes() for path in sorted(folder.glob("*.png"))},
         film=film.read_bytes() if film.is_file() else None,
     )
-
-
-def _read(path: Path) -> BodyPolicies | None:
-    if not path.exists():
-        return None
-    try:
-        return BodyPolicies.model_validate(json.loads(path.read_text(encoding="utf-8")))
-    except ValidationError as error:
-        fault = error.errors()[0]
-        raise DatasetError(f"{path}: {'.'.join(map(str, fault['loc']))}: {fault['msg']}") from None
-    except (OSError, ValueError) as error:
-        raise DatasetError(f"{path}: cannot be read as JSON: {error}") from error

@@ -8,7 +8,6 @@ provenance.json   revision, libraries and original file of every run file
 
 from __future__ import annotations
 
-import json
 import shutil
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -24,6 +23,7 @@ from hdsafebo.files.parquet import read_parquet
 from hdsafebo.params import load_params
 from hdsafebo.pipeline.provenance import digest_file, git_state
 from hdsafebo.report.data import body_inputs, hand_inputs, inputs
+from hdsafebo.report.data.json_files import read_json
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.runs.read import read_run
 from hdsafebo.runs.schema import COLUMNS, run_name
@@ -93,12 +93,9 @@ def keep_evidence(root: Path, folder: Path) -> None:
 def read_provenance(folder: Path) -> dict[str, Any]:
     """What `provenance.json` says; empty when there is none."""
     path = folder / PROVENANCE
-    if not path.is_file():
+    content = read_json(path)
+    if content is None:
         return {}
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: cannot be read as JSON: {error}") from error
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: expected an object, got {type(content).__name__}")
     return content

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import pandas as pd
 import pyarrow.parquet as pq
 from pyarrow import ArrowException
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from hdsafebo.errors import DatasetError
-
-M = TypeVar("M", bound=BaseModel)
+from hdsafebo.report.data.json_files import read_model
 
 DIFFICULTY = "data/synergies/random_policies.json"
 POLICIES = "data/policies"
@@ -106,8 +103,8 @@ def read_hand(root: Path, runs: Path) -> HandInputs:
     """
     folder = root / POLICIES
     return HandInputs(
-        difficulty=_read(root / DIFFICULTY, StoredDifficulty),
-        policies=_read(folder / "policies.json", Policies),
+        difficulty=read_model(root / DIFFICULTY, StoredDifficulty),
+        policies=read_model(folder / "policies.json", Policies),
         strips={path.name: path.read_bytes() for path in sorted(folder.glob("*.png"))},
         outcomes={
             _named(path): _outcomes(path) for task in TASKS for path in sorted(runs.glob(f"{task}-*.parquet"))
@@ -119,18 +116,6 @@ def _named(path: Path) -> tuple[str, str]:
     """Task and method of a run file."""
     task, method = path.stem.split("-", 1)
     return task, method
-
-
-def _read(path: Path, model: type[M]) -> M | None:
-    if not path.exists():
-        return None
-    try:
-        return model.model_validate(json.loads(path.read_text(encoding="utf-8")))
-    except ValidationError as error:
-        fault = error.errors()[0]
-        raise DatasetError(f"{path}: {'.'.join(map(str, fault['loc']))}: {fault['msg']}") from None
-    except (OSError, ValueError) as error:
-        raise DatasetError(f"{path}: cannot be read as JSON: {error}") from error
 
 
 def _outcomes(path: Path) -> pd.DataFrame | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from hdsafebo.errors import DatasetError
 from hdsafebo.files.parquet import read_parquet
 from hdsafebo.report.data.body_inputs import BodyInputs, read_body
 from hdsafebo.report.data.hand_inputs import HandInputs, read_hand
+from hdsafebo.report.data.json_files import read_json
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -147,7 +147,7 @@ class Inputs:
 def read_isometry(root: Path) -> dict[str, Isometry] | None:
     """Isometry check by embedding."""
     path = root / ISOMETRY
-    data = _json(path)
+    data = read_json(path)
     if data is None:
         return None
     if not isinstance(data, dict):
@@ -168,7 +168,7 @@ def read_distances(root: Path) -> dict[str, pd.DataFrame] | None:
 
 def read_variance(root: Path) -> pd.DataFrame | None:
     """Variance accounted for by the first synergies: columns `components`, `variance_accounted_for`."""
-    data = _json(root / SYNERGIES)
+    data = read_json(root / SYNERGIES)
     if data is None:
         return None
     shares = _validated(root / SYNERGIES, _Synergies, data).variance_accounted_for
@@ -182,13 +182,13 @@ def read_learning_curve(root: Path) -> pd.DataFrame | None:
 
 def read_traversal(root: Path) -> TraversalCost | None:
     """What the traversal took."""
-    data = _json(root / TRAVERSAL)
+    data = read_json(root / TRAVERSAL)
     return None if data is None else _validated(root / TRAVERSAL, TraversalCost, data)
 
 
 def read_stimulation(root: Path) -> Stimulation | None:
     """What the traversal found."""
-    data = _json(root / STIMULATION)
+    data = read_json(root / STIMULATION)
     return None if data is None else _validated(root / STIMULATION, Stimulation, data)
 
 
@@ -221,15 +221,6 @@ def read_inputs(root: Path, runs: Path) -> Inputs:
         hand_frames=read_frames(root / HAND_FRAMES),
         spinal_frames=read_frames(root / SPINAL_FRAMES),
     )
-
-
-def _json(path: Path) -> Any:
-    if not path.exists():
-        return None
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: cannot be read as JSON: {error}") from error
 
 
 def _schema(path: Path) -> list[str]:
