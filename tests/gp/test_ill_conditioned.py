@@ -90,6 +90,7 @@ def run_cases(seeds: range) -> Counter[str]:
     return total
 
 
+@pytest.mark.thorough
 def test_sixty_ill_conditioned_fits() -> None:
     counts = run_cases(range(60))
     assert min(counts["fitted"], counts["rescued"], counts["refused"]) > 0, counts

@@ -33,13 +33,14 @@ def test_sobol_points_fill_the_cube_evenly(n: int) -> None:
 
 
 @pytest.mark.parametrize(("frequencies", "tolerance"), [(512, 0.25), (4096, 0.08)])
+@pytest.mark.thorough
 def test_paths_have_mean_and_covariance_of_the_posterior(gp, frequencies: int, tolerance: float) -> None:
     """The finite number of features makes the prior sample approximate; the error falls with their number."""
     rng = np.random.default_rng(2)
     x = np.vstack([rng.random((6, 3)), [[2.0, 2.0, 2.0]], gp.inputs[:1]])
-    values = np.hstack([SamplePaths(gp, 250, rng, frequencies).values(x) for _ in range(40)])
+    values = np.hstack([SamplePaths(gp, 100, rng, frequencies).values(x) for _ in range(40)])
     deviation = np.sqrt(np.diag(gp.covariance(x)))
-    assert (np.abs(values.mean(axis=1) - gp.predict_mean(x)) < 0.05 * deviation + 1e-6).all()
+    assert (np.abs(values.mean(axis=1) - gp.predict_mean(x)) < 0.08 * deviation + 1e-6).all()
     assert (np.abs(np.cov(values) - gp.covariance(x)) < tolerance * np.outer(deviation, deviation)).all()
 
 

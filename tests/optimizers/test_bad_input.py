@@ -243,6 +243,7 @@ def test_batch_larger_than_the_safe_candidates(method) -> None:
         (np.vstack([np.full((5, 4), 0.5), np.ones((1, 4))]), np.arange(6.0), np.ones(6)),
     ],
 )
+@pytest.mark.thorough
 def test_ill_natured_data(method, x, objective, safety) -> None:
     made = method(bowl_problem(), empty_safe_set="mark")
     made.observe(x, objective, safety, initial=True)

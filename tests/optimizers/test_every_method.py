@@ -113,6 +113,7 @@ def make(name: str, problem: FunctionProblem, *, seed: int = 0, initial: int = 1
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("problem", PROBLEMS)
+@pytest.mark.thorough
 def test_proposes_admissible_points_and_learns(name: str, problem: str) -> None:
     optimizer = make(name, PROBLEMS[problem]())
     advance(optimizer, 5, rounds=3)
@@ -129,6 +130,7 @@ def test_proposes_admissible_points_and_learns(name: str, problem: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.thorough
 def test_an_ask_that_fails_leaves_no_trace(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(trials: Trials):
         raise MemoryError("no memory")
@@ -146,6 +148,7 @@ def test_an_ask_that_fails_leaves_no_trace(name: str, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("problem", ["three", "rows"])
+@pytest.mark.thorough
 def test_resumed_goes_on_to_the_bit(name: str, problem: str, tmp_path: Path) -> None:
     undisturbed = make(name, PROBLEMS[problem](), seed=3)
     advance(undisturbed, 5)
@@ -161,6 +164,7 @@ def test_resumed_goes_on_to_the_bit(name: str, problem: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.thorough
 def test_same_seed_same_trials_other_seed_other_trials(name: str) -> None:
     xs = [advance(make(name, bowl_problem(), seed=seed), 4, rounds=2).x for seed in (1, 1, 2)]
     np.testing.assert_array_equal(xs[0], xs[1])
@@ -170,6 +174,7 @@ def test_same_seed_same_trials_other_seed_other_trials(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("n", [1, 15])
+@pytest.mark.thorough
 def test_batches_of_any_size(name: str, n: int) -> None:
     trials = advance(make(name, bowl_problem()), n, rounds=2)
     assert len(trials) == n
@@ -178,6 +183,7 @@ def test_batches_of_any_size(name: str, n: int) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.thorough
 def test_failed_pending_and_partly_told_trials(name: str) -> None:
     optimizer = make(name, bowl_problem())
     function = optimizer.problem.function
@@ -210,6 +216,7 @@ def test_failed_pending_and_partly_told_trials(name: str) -> None:
         "all unsafe",
     ],
 )
+@pytest.mark.thorough
 def test_hostile_data(name: str, kind: str) -> None:
     problem = bowl_problem(
         threshold=10.0 if kind == "all unsafe" else 0.0, dimension=1 if kind == "one dimension" else 4
@@ -315,6 +322,7 @@ def test_batch_larger_than_the_safe_candidates(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.thorough
 def test_exhausts_a_finite_set_without_repeating(name: str) -> None:
     optimizer = make(name, rows_problem(n=30), initial=12)
     while len(optimizer.trials) < 30:
@@ -431,6 +439,7 @@ PLACES: dict[str, tuple[Callable[[], FunctionProblem], Halving | None]] = {
 @pytest.mark.parametrize("name", sorted(SAFE_SET.intersection(FIRST_OF_KIND.values()) - {"cei"}))
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("policy", ["mark", "abstain"])
+@pytest.mark.thorough
 def test_unmarked_trials_are_believed_safe_where_they_will_be_evaluated(
     name: str, place: str, policy: str
 ) -> None:
@@ -496,6 +505,7 @@ def interrupted(after: float) -> Iterator[list[int]]:
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.thorough
 def test_tell_interrupted_at_twenty_points_and_repeated_is_undisturbed(name: str) -> None:
     undisturbed, disturbed = (make(name, three_functions(), seed=4) for _ in range(2))
     for optimizer in (undisturbed, disturbed):

@@ -177,6 +177,7 @@ def test_several_safety_functions() -> None:
 
 
 @pytest.mark.parametrize("beta", [-2.0, 2.0])
+@pytest.mark.thorough
 def test_finds_the_constrained_optimum(beta: float) -> None:
     """The top of the bowl is 0.4 away from the centre of the safe ball, whose radius is 0.5."""
     optimizer = HdSafeBO(bowl_problem(), beta=beta, seed=3)

@@ -80,6 +80,7 @@ def run_case(seed: int) -> str:
     return "marked" if optimizer.trials.marked_unsafe.any() else "safe"
 
 
+@pytest.mark.thorough
 def test_twenty_runs_on_hard_data() -> None:  # the slow test has a thousand
     ends = Counter(run_case(seed) for seed in range(20))
     assert ends["safe"] > 0

@@ -55,6 +55,7 @@ def outside(table: dict[str, Any]) -> list[dict[str, Any]]:
 
 @SIZES
 @pytest.mark.parametrize("alpha", benchmark().ALPHAS)
+@pytest.mark.thorough
 def test_given_the_hyper_parameters_every_bin_holds_its_prediction(problems: int, alpha: float) -> None:
     table = benchmark().calibration(asked(problems, alpha), alpha)
     assert table["bins"][-1]["trials"] > problems / 2

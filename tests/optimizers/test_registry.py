@@ -14,6 +14,7 @@ METHODS_WITH_VARIANTS = ("linebo", "linebo_lower", "cei", "cei_botorch", "cei_pr
 
 
 @pytest.mark.parametrize("name", sorted(set(METHODS) - {"random_lowest"}))  # that one needs levels
+@pytest.mark.thorough
 def test_every_method_takes_a_round(name: str) -> None:
     problem = rows_problem() if name == "thompson_rows" else bowl_problem()
     optimizer = make_optimizer(name, problem, seed=1)

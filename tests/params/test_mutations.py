@@ -138,6 +138,7 @@ def mutate(path: Path, examples: int, *, derandomize: bool) -> list[bool]:
     return taken
 
 
+@pytest.mark.thorough
 def test_five_hundred_mutations(tmp_path: Path) -> None:
     taken = mutate(tmp_path / "params.yaml", 500, derandomize=True)
     assert len(taken) >= 500

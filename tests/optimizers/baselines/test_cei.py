@@ -36,6 +36,7 @@ def test_gradient() -> None:
 
 
 @pytest.mark.parametrize("kind", [CeiProb, Cei])
+@pytest.mark.thorough
 def test_finds_the_constrained_optimum(kind) -> None:
     """The best safe point of the bowl lies on the sphere of radius 1/2 about 0.4, or at 0.6 within it."""
     optimizer = kind(bowl_problem(), seed=0)
@@ -47,6 +48,7 @@ def test_finds_the_constrained_optimum(kind) -> None:
 
 
 @pytest.mark.parametrize("kind", [CeiProb, Cei])
+@pytest.mark.thorough
 def test_seeks_feasibility_first(kind) -> None:
     optimizer = kind(bowl_problem(threshold=0.2), seed=0, empty_safe_set="mark")
     x = np.random.default_rng(1).uniform(0.7, 1.0, (15, 4))

@@ -135,6 +135,7 @@ def test_hesbo_takes_the_dimension_of_the_embedding() -> None:
     assert Hesbo(low_dimensional(40), seed=0)._sketch.dimension == 20
 
 
+@pytest.mark.thorough
 def test_hesbo_finds_the_optimum_when_the_subspace_holds_it() -> None:
     problem = low_dimensional(40)
     optimizer = Hesbo(problem, seed=1, dimension=8)

@@ -59,6 +59,7 @@ def test_failed_and_pending_trials_are_not_kept() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", ["box", "rows", "codes"])
+@pytest.mark.thorough
 def test_a_bound_that_is_not_reached_changes_nothing(method: str, kind: str) -> None:
     tables = []
     for most in (None, 10_000):

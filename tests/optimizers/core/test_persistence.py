@@ -22,6 +22,7 @@ def assert_same(a: Trials, b: Trials) -> None:
 @pytest.mark.parametrize("method", [HdSafeBO, HdSafeBOLocal])
 @pytest.mark.parametrize("when", ["before_data", "initial", "pending", "told"])
 @pytest.mark.parametrize("problem", ["box", "embedded", "rows"])
+@pytest.mark.thorough
 def test_resumed_is_undisturbed(tmp_path: Path, method, when: str, problem: str) -> None:
     def make_problem():
         return rows_problem(300) if problem == "rows" else bowl_problem()
