@@ -15,10 +15,10 @@ HORIZON = 500
 """Control steps of 10 ms: 5 s."""
 OBSERVATION_LIMIT = 1000.0
 """SI units; observations are cut here, far beyond what a standing body shows."""
-_SWAY_WEIGHT = 40.0
-_TILT_WEIGHT = 2.0
-_EFFORT_WEIGHT = 3.0
-_SPEED_WEIGHT = 0.002
+_SWAY_WEIGHT = 40.0  # per m^2: a sway of 16 cm takes all that standing gives
+_TILT_WEIGHT = 2.0  # per rad^2: so does a trunk at 40 degrees
+_EFFORT_WEIGHT = 3.0  # per mean squared excitation: so do all muscles at 0.58
+_SPEED_WEIGHT = 0.002  # per (rad/s)^2 of the joints, on average: so do 22 rad/s
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]

@@ -18,9 +18,9 @@ _RIDGE = 1e-3
 _REST = 0.03
 _REST_WEIGHT = 0.02
 """Excitations that gravity does not determine tend to 0.03, the tone of a resting muscle."""
-_LEAST_TORQUE = 1.0
-_LEAST_SQUARE = 1e-3
-_LEAST_INERTIA = 1e-3
+_LEAST_TORQUE = 1.0  # N m; joints that no muscle moves would otherwise outweigh all others
+_LEAST_SQUARE = 1e-3  # (N m)^2, for the same reason
+_LEAST_INERTIA = 1e-3  # kg m^2; less is an armature's rounding
 _HEELS = ("calcn_r", "calcn_l")
 
 

@@ -12,11 +12,12 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-POSE_WEIGHT = 3.5
+# What the paper's formula leaves open; the report lists it among the departures.
+POSE_WEIGHT = 3.5  # per rad of tilt
 BONUS_WEIGHT = 2.0
-BONUS_TILTS = (0.35, 0.15)
-GRASP_WEIGHT = 5.0
-MAX_DISPLACEMENT = 0.2
+BONUS_TILTS = (0.35, 0.15)  # rad; the bonus is given for each that is undercut
+GRASP_WEIGHT = 5.0  # per m between palm and bottle
+MAX_DISPLACEMENT = 0.2  # m of the bottle from its start
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from hdsafebo.hand.scene.model import Variant, hand_model
 from hdsafebo.hand.simulation import HORIZON, BottleSimulation, Step
 from hdsafebo.typing import FloatArray
 
-FINAL_STEPS = 20
-UPRIGHT_TILT = 0.35
+FINAL_STEPS = 20  # of 120, over which the end of an episode is averaged
+UPRIGHT_TILT = 0.35  # rad; the first tilt that the reward has a bonus for
 
 _local = threading.local()
 

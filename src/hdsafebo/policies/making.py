@@ -14,11 +14,11 @@ from hdsafebo.policies.environments import action_limits
 from hdsafebo.policies.features import leading, main_actions
 from hdsafebo.typing import FloatArray
 
-_BOX_FACTOR = 1.5
-_BOX_LEAST = 0.03
-_GRID_STEPS = 512
-_SHARE = 0.95
-_MOST_DIRECTIONS = 12
+_BOX_FACTOR = 1.5  # of the largest initial weight: the search may leave what was drawn, not by much
+_BOX_LEAST = 0.03  # for weights that no initial policy uses
+_GRID_STEPS = 512  # of a weight's resolution between 0 and its limit, at least
+_SHARE = 0.95  # of the variance that main directions explain
+_MOST_DIRECTIONS = 12  # a kernel of more has little to say after some hundred trials
 _POLICIES = 40
 _STRIDE = 7
 """Consecutive observations are much alike: every seventh one of 40 policies' tells main directions."""

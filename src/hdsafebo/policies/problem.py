@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from hdsafebo.policies.video import Film
 
 _LEAST_SCALE = 0.05
+"""Least scale of an observation, in its own units: what never moved must not be magnified without end."""
 _MANY_WEIGHTS = 10_000
 """Beyond, weights have a resolution of about a thousandth of their range: no single one matters more."""
 _DRAWS = 100

@@ -23,6 +23,7 @@ EXCITATION_UNIT = 2.0
 _TONE_SPREAD = 0.2
 """Of the logarithm of the excitations about which random reflexes act."""
 _JITTER = 0.01
+"""Length of the random weights of a muscle, so that policies differ in every weight."""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ SAFE = "_safe"
 SAFE_PROBABILITY = "safe_probability"
 _SQRT_2PI = np.sqrt(2.0 * np.pi)
 _SPREAD = 2048
+"""Points over the whole box where a gain is sought."""
 _NEAR = (512, 0.1)
 """Number and standard deviation, in the box, of points around the best trial where a gain is sought."""
 

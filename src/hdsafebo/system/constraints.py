@@ -24,8 +24,8 @@ _MARGIN = 1e-9
 decoding a value loses the last digits."""
 _EQUAL = 1e-7
 """An equality is met when it is off by so much, in the same units."""
-_SWEEPS = 200
-_DRAWS = 33
+_SWEEPS = 200  # of projections onto one constraint after another, which converge geometrically
+_DRAWS = 33  # shares of the line back to a point that meets all
 _KINDS = {ast.LtE: "at_most", ast.Lt: "at_most", ast.GtE: "at_least", ast.Gt: "at_least", ast.Eq: "equals"}
 
 

@@ -28,14 +28,14 @@ from hdsafebo.typing import FloatArray
 if TYPE_CHECKING:
     from botorch.models import ModelListGP
 
-_RAW = 512
+_RAW = 512  # points of the cube that starts are chosen from, as in BoTorch's tutorials
 _NEAR = 128
-_NEAR_STEP = 0.05
+_NEAR_STEP = 0.05  # and as many around the incumbent, at this standard deviation in sides of the cube
 _STARTS = 3
-_ASCENT = 25
+_ASCENT = 25  # steps of one point's ascent from each start
 _POLISH = 40
 """Most steps of the batch's joint ascent, each as dear as tens of a single point's; BoTorch allows 200."""
-_MC_SAMPLES = 64
+_MC_SAMPLES = 64  # of the batch's joint posterior
 _SEEDS = 2**31
 _Term = Callable[[FloatArray, FloatArray, float], tuple[FloatArray, FloatArray, FloatArray]]
 P = TypeVar("P")

@@ -16,6 +16,7 @@ from hdsafebo.search.row_space import RowSpace
 from hdsafebo.typing import FloatArray, IntArray
 
 _STEPS = 1600
+"""Steps that are judged: a hundred and more of each size, of which some are believed safe."""
 _STEP_SIZES = (0.01, 3.0)
 """Typical lengths of random steps, in fitted length scales: a hundredth changes nothing, beyond three the
 posterior is the prior."""

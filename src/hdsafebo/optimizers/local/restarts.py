@@ -30,7 +30,9 @@ _APART = 0.5
 _ARRIVED = 0.25
 """A climb that comes so close to an earlier top would end there."""
 _FIRST_STEP = 0.02
+"""In length scales, off a start that the radius is counted from: at its centre a radius has no direction."""
 _STARTS = 200
+"""Best points of a pool that ascents of a jump begin from, all at once."""
 PATIENCE = 8
 """Rounds without gain after which a climb is over."""
 

@@ -24,6 +24,7 @@ _REMEMBERED = 20
 _USUAL = 2.0
 """Largest of so many errors that a correct model makes about; beyond it deviations are inflated."""
 _LARGEST = 30.0
+"""Beyond, no bound holds anywhere; the next twenty trials could not mend it."""
 _COLUMNS = 7  # centre, scale, shift, unit of the standardisation; mean; variance; noise variance
 _KEPT = 4  # error, variance, noise variance, all in the units of the warped values; scale of the warp
 
