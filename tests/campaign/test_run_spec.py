@@ -49,7 +49,10 @@ def test_code_that_computes_a_run_is_part_of_it(
     before = digest("synthetic", "hdsafebo")
     assert before == digest("synthetic", "hdsafebo")
     with (package / module).open("a") as file:
-        file.write("# changed\n")
+        file.write("# words\n")
+    assert digest("synthetic", "hdsafebo") == before
+    with (package / module).open("a") as file:
+        file.write("CHANGED = 1\n")
     assert (digest("synthetic", "hdsafebo") != before) == counts
 
 

@@ -186,7 +186,7 @@ def test_a_change_of_a_module_reruns_its_users_only(finished: Path, module: str,
     path = finished / "src" / "hdsafebo" / module
     before = path.read_text()
     try:
-        path.write_text(before + "\n# a change\n")
+        path.write_text(before + "\nCHANGED = 1\n")
         run(finished, "dvc", "repro", "--single-item", "code")
         assert changed_stages(finished) == expected
     finally:

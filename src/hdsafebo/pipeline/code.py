@@ -2,7 +2,8 @@
 
 DVC sees no imports. The stage `code` writes, for every stage script, every family of tasks and every method,
 one file with the names and digests of the modules that it uses; the other stages depend on those few files.
-A change of one module then reruns its users only, and the diff of a file names the module that changed.
+A change of one module then reruns its users only, and the diff of a file names the module that changed. A
+change of comments and docstrings alone reruns nothing.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from hdsafebo.embeddings.registry import embedding_modules
 from hdsafebo.files.atomic import replacing
 from hdsafebo.optimizers.registry import method_module
 from hdsafebo.pipeline.imports import ImportGraph
-from hdsafebo.pipeline.provenance import digest_file
+from hdsafebo.pipeline.provenance import digest_code
 from hdsafebo.problems.registry import family_names, task_module
 
 CODE = "data/code"
@@ -69,7 +70,7 @@ def write_code_files(root: Path, algorithms: Mapping[str, str]) -> None:
     digests: dict[Path, str] = {}
     for name, modules in code_files(root, algorithms).items():
         for path in modules - digests.keys():
-            digests[path] = digest_file(path)
+            digests[path] = digest_code(path)
         lines = sorted((path.relative_to(root).as_posix(), digests[path]) for path in modules)
         with replacing(root / CODE / f"{name}.txt") as temporary:
             temporary.write_text("".join(f"{digest}  {path}\n" for path, digest in lines), encoding="utf-8")

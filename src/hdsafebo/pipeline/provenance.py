@@ -5,11 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import subprocess
+import token
 from collections.abc import Iterable, Mapping
+from io import StringIO
+from itertools import accumulate
 from pathlib import Path
+from tokenize import TokenError, TokenInfo, generate_tokens
 from typing import Any
 
 _BLOCK = 1 << 20
+_LAYOUT = (token.NL, token.INDENT, token.DEDENT, token.ENDMARKER)
 _GIT_TIMEOUT_S = 10
 
 
@@ -32,11 +37,52 @@ def digest_file(path: Path) -> str:
     return state.hexdigest()
 
 
+def digest_code(path: Path) -> str:
+    """SHA-256 of a Python file without what changes no result: comments, docstrings, blank lines between.
+
+    Better words must not cost hours of runs. What is left is text and not a syntax tree, whose form depends
+    on the version of Python.
+
+    Raises:
+        SyntaxError: the file is no Python.
+    """
+    source = path.read_text(encoding="utf-8")
+    starts = [0, *accumulate(len(row) for row in StringIO(source))]
+    state = hashlib.sha256()
+    line: list[TokenInfo] = []
+    comments: list[TokenInfo] = []
+    try:
+        for each in generate_tokens(StringIO(source).readline):
+            if each.type == token.COMMENT:
+                comments.append(each)
+            elif each.type == token.NEWLINE:
+                if [t.type for t in line] != [token.STRING]:  # a docstring is a line of its own
+                    state.update(_without(comments, line, source, starts).encode())
+                line, comments = [], []
+            elif each.type not in _LAYOUT:
+                line.append(each)
+    except TokenError as error:
+        raise SyntaxError(f"{path}: {error.args[0]}") from error
+    return state.hexdigest()
+
+
+def _without(comments: list[TokenInfo], line: list[TokenInfo], source: str, starts: list[int]) -> str:
+    """A logical line with its indentation, without the comments in it."""
+    begin, end = (starts[row - 1] + column for row, column in (line[0].start, line[-1].end))
+    text, at = " " * line[0].start[1], begin
+    for comment in comments:
+        start = starts[comment.start[0] - 1] + comment.start[1]
+        if begin < start < end:
+            text += source[at:start].rstrip()
+            at = start + len(comment.string)
+    return text + source[at:end] + "\n"
+
+
 def digest_paths(paths: Iterable[Path], root: Path) -> str:
     """SHA-256 of the names (relative to `root`) and contents of files and directory trees.
 
-    A missing path is part of the digest, so that the digest changes when the path appears.
-    Compiled Python files are left out.
+    A missing path is part of the digest, so that the digest changes when the path appears. Compiled Python
+    files are left out; of Python files what computes counts (see `digest_code`).
     """
     contents: dict[str, str | None] = {}
     for path in paths:
@@ -45,7 +91,8 @@ def digest_paths(paths: Iterable[Path], root: Path) -> str:
             if file.is_dir() or "__pycache__" in file.parts:
                 continue
             name = file.relative_to(root).as_posix() if file.is_relative_to(root) else str(file)
-            contents[name] = digest_file(file) if file.exists() else None
+            digest = digest_code if file.suffix == ".py" else digest_file
+            contents[name] = digest(file) if file.exists() else None
     return digest_json(contents)
 
 
