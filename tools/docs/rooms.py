@@ -1,4 +1,4 @@
-"""The drawing of the package's rooms, from the layer contract in pyproject.toml."""
+"""The drawing of the package's layers, from their contract in pyproject.toml."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def _drawing(rows: list[list[str]]) -> str:
     height = y - GAP + MARGIN
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" '
-        f'height="{height}" role="img">\n<title>Rooms of the package, the highest first: a room imports only '
-        f'from rooms below it</title>\n<style>{_STYLE}</style>\n<rect class="card" width="{WIDTH}" '
+        f'height="{height}" role="img">\n<title>Layers of the package, the highest first: each imports only '
+        f'from those below it</title>\n<style>{_STYLE}</style>\n<rect class="card" width="{WIDTH}" '
         f'height="{height}" rx="8"/>\n'
     )
     return head + "\n".join(parts) + "\n</svg>\n"
