@@ -12,6 +12,8 @@ WIDTH, MARGIN, GAP, LINE = 960, 16, 8, 15
 _STYLE = (
     "text{font-family:system-ui,sans-serif;fill:#1b1b1b} .name{font:bold 13px ui-monospace,monospace}"
     " .about{font-size:11.5px;fill:#444} .card{fill:#fff} .room{fill:#eef4f8;stroke:#7a9db5}"
+    " @media (prefers-color-scheme:dark){text{fill:#e6e6e6} .about{fill:#b8b8b8} .card{fill:#16181d}"
+    " .room{fill:#1d2730;stroke:#4d6a7d}}"
 )
 
 
