@@ -39,3 +39,11 @@ def test_every_extra_is_on_the_page_of_installation(project_root: Path) -> None:
     page = (project_root / "docs/start/install.md").read_text()
     for extra in IMPORTS.keys() - {"core"}:
         assert f"`{extra}`" in page
+
+
+def test_every_tested_python_is_a_classifier_and_on_the_page_of_installation(project_root: Path) -> None:
+    project = tomllib.loads((project_root / "pyproject.toml").read_text())["project"]
+    tested = re.findall(r"Python :: (3\.\d+)", " ".join(project["classifiers"]))
+    assert project["requires-python"] == f">={tested[0]}"
+    rows = re.findall(r"(?m)^\| (3\.[\d., ]+) \| ", (project_root / "docs/start/install.md").read_text())
+    assert ", ".join(rows).split(", ") == tested

@@ -70,7 +70,7 @@ for alpha in ALPHAS:
 # %% picture: Left, the overshoot that is believed over the gain, as a mean with a band of two standard deviations that widens beyond the known trials and falls back to their average, and the true one, which rises on; vertical lines show how far the safe set reaches for each alpha. Right, the share of truly safe trials for each alpha, beside the promise.
 from matplotlib.figure import Figure
 
-figure = Figure(figsize=(9, 3.6), layout="constrained", dpi=110)
+figure = Figure(figsize=(6.6, 3.2), layout="constrained", dpi=150)
 left, right = figure.subplots(1, 2)
 mean, sd = table["overshoot"], table["overshoot_sd"]
 left.fill_between(gains, mean - 2 * sd, mean + 2 * sd, color="#0072B2", alpha=0.2, label="believed, 2 sd")

@@ -56,7 +56,7 @@ for name, used in (("codes", {"embedding": embedding, "bounds": ranges}), ("inpu
 # %% picture: Left, distances between codes over distances between inputs, which lie on a line. Right, the best safe value so far over the number of trials, for the search over codes and for the search over all thousand inputs.
 from matplotlib.figure import Figure
 
-figure = Figure(figsize=(9, 3.6), layout="constrained", dpi=110)
+figure = Figure(figsize=(6.6, 3.2), layout="constrained", dpi=150)
 left, right = figure.subplots(1, 2)
 left.scatter(pair_distances(recorded, pairs), pair_distances(codes, pairs), s=3, color="#0072B2", alpha=0.4)
 left.set(xlabel="distance between inputs", ylabel="distance between codes")

@@ -65,7 +65,7 @@ problem.save_policy(best.x, "cart.safetensors")
 # %% picture: Left, return of every trial over the cart's least distance from the wall: initial policies are hollow, and the search moves to high returns on the safe side. Right, the cart's position during episodes of the best policy with three other seeds, which passes the mark at 1.0 and stays below the wall until the episode ends.
 from matplotlib.figure import Figure
 
-figure = Figure(figsize=(9, 3.6), layout="constrained", dpi=110)
+figure = Figure(figsize=(6.6, 3.2), layout="constrained", dpi=150)
 left, right = figure.subplots(1, 2)
 trials = optimizer.trials
 for which, face in ((trials.initial, "white"), (~trials.initial, "#0072B2")):

@@ -47,7 +47,7 @@ print({name: round(value, 2) for name, value in best.outcomes.items()})
 import numpy as np
 from matplotlib.figure import Figure
 
-figure = Figure(figsize=(9, 3.6), layout="constrained", dpi=110)
+figure = Figure(figsize=(6.6, 3.2), layout="constrained", dpi=150)
 chart, course = figure.subplots(1, 2)
 speeds, pressures = np.meshgrid(np.geomspace(10, 200, 200), np.linspace(0, 8, 200))
 values = trial(speeds, pressures)
@@ -66,7 +66,7 @@ for group, colour in ((known, "white"), (asked, "#0072B2")):
         )
 chart.plot(asked["speed"], asked["pressure"], color="#0072B2", linewidth=0.6)
 chart.set(xscale="log", xlabel="speed (mm/s)", ylabel="pressure (bar)")
-chart.set_title("shaded: force above 25 N; hollow: known before; crosses: too large", fontsize=9)
+chart.set_title("shaded: force too large\nhollow: known before", fontsize=9)
 lowest = table["roughness"].where(table["safe"]).cummin().ffill()
 course.step(range(1, len(table) + 1), lowest, where="post", color="#0072B2")
 course.axvline(len(known) + 0.5, color="#9A9A9A", linestyle=":")

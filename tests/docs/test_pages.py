@@ -5,15 +5,17 @@ from __future__ import annotations
 import ast
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
 import hdsafebo
 from hdsafebo.errors import DatasetError
+from hdsafebo.report.data.outside import OUTSIDE
 from hdsafebo.report.marked import marked
 from hdsafebo.report.published import PUBLISHED
 from tests.docs.blocks import PAGES
-from tools.docs import api, methods, pages, pipeline
+from tools.docs import api, curves, methods, pages, pipeline
 from tools.docs.settings import settings_of
 
 
@@ -37,6 +39,34 @@ def test_parts_of_pages_that_come_from_code_and_evidence_are_of_them(project_roo
 
 def test_no_page_is_of_a_method_that_is_gone(project_root: Path) -> None:
     assert pages.stale(project_root) == []
+
+
+def test_every_method_with_kept_runs_has_its_curve_and_the_others_say_so(project_root: Path) -> None:
+    names = {page.name for page in methods.method_pages()}
+    runs = {path.stem for path in (project_root / OUTSIDE).parent.glob("*.json")} & names
+    assert {"hdsafebo", "hdsafebo_local", "scbo", "cmaes"} <= runs
+    drawn = curves.write(project_root, sorted(names))
+    assert set(drawn) == {f"{curves.FOLDER}/{name}.svg" for name in runs}
+    assert drawn == curves.write(project_root, sorted(names)), "drawn twice, it is the same"
+    assert all("prefers-color-scheme:dark" in ElementTree.fromstring(svg)[1].text for svg in drawn.values())
+    for name in names:
+        shown = text(project_root, f"docs/methods/{name}.md")
+        assert (f"](curves/{name}.svg)" in shown) == (name in runs)
+        assert ("No runs of it on" in shown) == (name not in runs)
+
+
+def test_a_curve_is_of_the_runs() -> None:
+    def run(*best: float, safe: float) -> dict[str, object]:
+        return {"best": list(best), "safe": safe}
+
+    runs: curves.Runs = {
+        "scbo": {"b": {"1": run(0, 1, 2, safe=0.5), "2": run(0, 3, 4, safe=1.0)}},
+        "cmaes": {"a": {"1": run(0, 1, safe=1.0)}, "b": {"1": run(0, 9, safe=1.0)}},
+    }
+    (panel,) = curves.panels(runs, {"b": {"scbo": {"optimum": 5.0}}}, "scbo")
+    assert (panel.label, panel.optimum, panel.safe) == ("b", 5.0, 0.75)
+    assert panel.own.tolist() == [[0, 1, 2], [0, 3, 4]]
+    assert [other.tolist() for other in panel.others] == [[0, 9]]
 
 
 def test_every_setting_of_every_method_is_on_its_page_with_its_meaning(project_root: Path) -> None:

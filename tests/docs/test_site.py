@@ -67,7 +67,9 @@ def test_the_site_is_built_and_searched_from_the_disk(project_root: Path, tmp_pa
         copy = shutil.copytree if (project_root / name).is_dir() else shutil.copy
         copy(project_root / name, tmp_path / name)
     zensical = Path(sys.executable).with_name("zensical")
-    subprocess.run([zensical, "build", "--strict", "--config-file", "mkdocs.yml"], cwd=tmp_path, check=True)
+    build = [zensical, "build", "--strict", "--config-file", "mkdocs.yml"]
+    done = subprocess.run(build, cwd=tmp_path, check=True, capture_output=True, text=True)
+    assert "griffe" not in done.stdout + done.stderr, "a docstring that the reference cannot read"
     built = tmp_path / "site"
     assert finish(built) > 50
     assert faults(built) == []

@@ -1,4 +1,4 @@
-"""A page for each method, and a table of all: from docstrings, settings and the list of departures."""
+"""A page for each method, and a table of all: from docstrings, settings, departures and kept runs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from hdsafebo.optimizers.settings import ModelSettings, SafeSetSettings
 from hdsafebo.report.data.departures import Departure, read_departures
 from hdsafebo.report.data.methods import style
 from hdsafebo.session.advice.methods import SHORTLIST, session_method
+from tools.docs import curves
 from tools.docs.docstrings import text
 from tools.docs.settings import settings_of, table
 
@@ -76,7 +77,9 @@ def method_pages() -> list[Page]:
 
 def write(root: Path) -> dict[str, str]:
     """Texts by path below the project's root."""
-    return {f"docs/methods/{page.name}.md": _page(page, root) for page in method_pages()}
+    names = [page.name for page in method_pages()]
+    pages = {f"docs/methods/{page.name}.md": _page(page, root) for page in method_pages()}
+    return pages | curves.write(root, names)
 
 
 def method_table() -> str:
@@ -108,7 +111,7 @@ def _page(page: Page, root: Path) -> str:
         text(_about(page.kind)),
         text(page.kind.__doc__),
     ]
-    parts += [*_names(page), *_departures(page)]
+    parts += [*_names(page), *curves.shown(root, page.name), *_departures(page)]
     settings = settings_of(page.kind.Settings)
     parts += ["## Settings", table(settings) if settings else "None."]
     parts += ["## Code", f"`{path}`, class `{page.kind.__name__}`"]

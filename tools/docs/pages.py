@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hdsafebo.report.sections.departures import departures_markdown
-from tools.docs import api, examples, methods, pipeline, rooms
+from tools.docs import api, curves, examples, methods, pipeline, rooms
 
 
 def whole(root: Path) -> dict[str, str]:
@@ -22,6 +22,7 @@ def parts(root: Path) -> dict[tuple[str, str], str]:
 
 
 def stale(root: Path) -> list[Path]:
-    """Pages of methods that are no more."""
-    known = {f"docs/methods/{page.name}.md" for page in methods.method_pages()} | {"docs/methods/index.md"}
-    return [p for p in (root / "docs/methods").glob("*.md") if p.relative_to(root).as_posix() not in known]
+    """Pages and pictures of methods that are no more."""
+    known = {*methods.write(root), "docs/methods/index.md"}
+    found = [*(root / "docs/methods").glob("*.md"), *(root / curves.FOLDER).glob("*")]
+    return [path for path in found if path.relative_to(root).as_posix() not in known]

@@ -1,4 +1,4 @@
-"""The drawing of the package's rooms, from the layer contract in pyproject.toml."""
+"""The drawing of the package's layers, from their contract in pyproject.toml."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ WIDTH, MARGIN, GAP, LINE = 960, 16, 8, 15
 _STYLE = (
     "text{font-family:system-ui,sans-serif;fill:#1b1b1b} .name{font:bold 13px ui-monospace,monospace}"
     " .about{font-size:11.5px;fill:#444} .card{fill:#fff} .room{fill:#eef4f8;stroke:#7a9db5}"
+    " @media (prefers-color-scheme:dark){text{fill:#e6e6e6} .about{fill:#b8b8b8} .card{fill:#16181d}"
+    " .room{fill:#1d2730;stroke:#4d6a7d}}"
 )
 
 
@@ -47,8 +49,8 @@ def _drawing(rows: list[list[str]]) -> str:
     height = y - GAP + MARGIN
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" '
-        f'height="{height}" role="img">\n<title>Rooms of the package, the highest first: a room imports only '
-        f'from rooms below it</title>\n<style>{_STYLE}</style>\n<rect class="card" width="{WIDTH}" '
+        f'height="{height}" role="img">\n<title>Layers of the package, the highest first: each imports only '
+        f'from those below it</title>\n<style>{_STYLE}</style>\n<rect class="card" width="{WIDTH}" '
         f'height="{height}" rx="8"/>\n'
     )
     return head + "\n".join(parts) + "\n</svg>\n"

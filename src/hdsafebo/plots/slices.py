@@ -86,7 +86,8 @@ def slice_map(
 
     Args:
         study: with results.
-        x, y: names of two parameters that are numbers.
+        x: name of a parameter that is a number.
+        y: another one.
         at: values of the others; None takes the setting that is believed best.
         context: value of every context; None takes those of that setting's trial.
 

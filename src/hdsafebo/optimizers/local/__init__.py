@@ -8,10 +8,10 @@
 | codes of an embedding, or through features | ascents of an isotropic model | `ascents` |
 | the same, where features hide directions | ascents and random steps | `hidden` |
 
-More inputs are left to `ascents`; where failures teach, all is from the first failure on, since warped
-models have no place for one. `optimizer` makes the search and asks it; `base` says what every search
-provides. Single trials of `ascents` and `hidden` climb one top after another (`restarts`). `caution`,
-`recombination` and `row_regions` are parts of the isotropic searches. `settings` holds what can be set. A
-method with the same frame gives `base.SearchingOptimizer` a search of its own, as the sessions' shortlist
-does.
+A box of more than 100 inputs is left to `ascents`, and so is any box from the first failed trial on, where
+failures teach: warped models have no place for a failure. `optimizer` makes the search and asks it; `base`
+says what every search provides. Single trials of `ascents` and `hidden` climb one top after another
+(`restarts`). `caution`, `recombination` and `row_regions` are parts of the isotropic searches. `settings`
+holds what can be set. A method with the same frame gives `base.SearchingOptimizer` a search of its own, as
+the sessions' shortlist does.
 """
