@@ -6,6 +6,7 @@ of those columns stand for a value that can be set.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -13,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from hdsafebo.system.errors import DescriptionError, TableError
-from hdsafebo.system.values import check_distinct, check_name, finite, shown
+from hdsafebo.system.values import Number, check_distinct, check_name, finite, set_plain, shown
 from hdsafebo.typing import FloatArray
 
 _SLACK = 1e-9
@@ -37,17 +38,18 @@ class Real:
     """
 
     name: str
-    lower: float
-    upper: float
+    lower: Number
+    upper: Number
     unit: str = ""
     log: bool = False
-    step: float | None = None
+    step: Number | None = None
     kind: Literal["real"] = field(default="real", kw_only=True)
 
     def __post_init__(self) -> None:
         check_name(self.name, "a parameter")
         what = f"parameter {self.name!r}"
-        lower, upper = finite(self.lower, f"{what}: lower"), finite(self.upper, f"{what}: upper")
+        set_plain(self, what, "lower", "upper", "step")
+        lower, upper = self.lower, self.upper
         if not lower < upper:
             raise DescriptionError(
                 f"{what} ranges from {lower:g} to {upper:g}; expected lower < upper (a value that never "
@@ -55,7 +57,11 @@ class Real:
             )
         if self.log and lower <= 0:
             raise DescriptionError(f"{what} has log=True and lower {lower:g}; expected lower > 0")
-        if self.step is not None and not 0 < finite(self.step, f"{what}: step") <= upper - lower:
+        if not math.isfinite(float(upper) - float(lower)):
+            raise DescriptionError(
+                f"{what} ranges from {lower:g} to {upper:g}; expected a range below 1.8e308"
+            )
+        if self.step is not None and not 0 < self.step <= upper - lower:
             raise DescriptionError(f"{what}: step is {self.step:g}; expected more than 0, at most the range")
 
     @property
@@ -270,8 +276,8 @@ class Fixed:
             raise DescriptionError(
                 f"parameter {self.name!r} is fixed at {self.value!r}; expected a text, number or truth value"
             )
-        if not isinstance(self.value, str):
-            finite(float(self.value), f"parameter {self.name!r}: value")
+        if not isinstance(self.value, str | bool):
+            finite(self.value, f"parameter {self.name!r}: value")
 
     @property
     def width(self) -> int:
