@@ -102,7 +102,7 @@ def test_text_and_truth_values_are_no_numbers_of_a_description(tmp_path: Path, t
         "name: s\nparameters: [{kind: real, name: a, lower: 0, upper: 1}]\nobjective: {name: y}\n"
         f"limits: [{{name: g, at_most: 99, {key}: {text}}}]\n"
     )
-    with pytest.raises(DescriptionError, match="g|limits.0"):
+    with pytest.raises(DescriptionError, match=r"g|limits\.0"):
         System.load(path)
 
 

@@ -21,6 +21,10 @@ _SLACK = 1e-9
 """Values outside a range by this share of its width are taken for rounding, and cut to the range."""
 _DIGITS = 12
 """Significant digits of values that are shown, and of values on steps."""
+_FLOAT_DIGITS, _EXACT = 16, 17
+"""Significant digits that a float can round to, and digits that tell every float from its neighbours."""
+_SPARE = 3
+"""Of twelve digits so many may be the same in the whole range: nine tell the values apart, as in the box."""
 _ON_STEP = 1e-6
 """Values off the nearest step by this share of a step are taken for rounding."""
 
@@ -127,8 +131,11 @@ class Real:
             return values
         steps = np.floor((self.upper - self.lower) / self.spacing + _ON_STEP)
         landed = self.lower + np.clip(np.round((values - self.lower) / self.spacing), 0, steps) * self.spacing
-        digits = _DIGITS - int(np.floor(np.log10(max(abs(self.lower), abs(self.upper)))))
-        return np.asarray(np.minimum(np.round(landed, digits), self.upper))  # 0.6, not 0.6000000000000001
+        whole = self._whole_digits - 1
+        decimals = max(_DIGITS - whole, self._step_decimals)
+        if whole + decimals < _FLOAT_DIGITS:  # beyond, rounding itself would lose digits
+            landed = np.round(landed, decimals)  # 0.6, not 0.6000000000000001
+        return np.asarray(np.minimum(landed, self.upper))
 
     def beside(self, value: float) -> list[float]:
         """The values one step away; none where every value can be set."""
@@ -140,8 +147,31 @@ class Real:
         return [float(v) for v in around if abs(v - value) > _ON_STEP * self.spacing]
 
     def python(self, value: Any) -> float | int | str | bool:
-        """A decoded value as plain Python, with twelve digits: what was 6.88 in a table is 6.88 again."""
-        return min(max(float(f"{float(value):.{_DIGITS}g}"), self.lower), self.upper)
+        """A decoded value as plain Python, with twelve digits: what was 6.88 in a table is 6.88 again.
+
+        More where twelve would show another value than the one that was judged: in a narrow range far from 0,
+        and on fine steps.
+        """
+        narrow = int(np.ceil(np.log10(self._largest) - np.log10(self.upper - self.lower))) - _SPARE
+        fine = 0 if self.spacing is None else self._whole_digits + self._step_decimals - _DIGITS
+        digits = min(_DIGITS + max(narrow, fine - 1, 0), _EXACT)
+        return min(max(float(f"{float(value):.{digits}g}"), self.lower), self.upper)
+
+    @property
+    def _largest(self) -> float:
+        """Largest size of a value."""
+        return float(max(abs(self.lower), abs(self.upper)))
+
+    @property
+    def _whole_digits(self) -> int:
+        """Digits before the decimal point of the largest value; 0 and less below 1."""
+        return int(np.floor(np.log10(self._largest))) + 1
+
+    @property
+    def _step_decimals(self) -> int:
+        """Digits behind the decimal point that a step such as 0.125 has."""
+        assert self.spacing is not None
+        return 2 - int(np.floor(np.log10(self.spacing)))
 
     def _scaled(self, value: Any) -> Any:
         return np.log(value) if self.log else np.asarray(value, float)
