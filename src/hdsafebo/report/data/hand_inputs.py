@@ -13,6 +13,7 @@ from pyarrow import ArrowException
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.files.bounded import require_regular
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -135,6 +136,7 @@ def _read(path: Path, model: type[M]) -> M | None:
 
 def _outcomes(path: Path) -> pd.DataFrame | None:
     try:
+        require_regular(path)
         with pq.ParquetFile(path) as file:
             if not set(_COLUMNS) <= set(file.schema_arrow.names):
                 return None

@@ -357,7 +357,8 @@ class Store:
             ) from None
         except OSError as error:
             raise SessionError(
-                f"{self.directory}: cannot be {action}: {_explained(error)}; nothing was recorded"
+                f"{error.filename or self.directory}: cannot be {action}: {_explained(error)}; "
+                "nothing was recorded"
             ) from None
         except WriteError as error:
             raise SessionError(f"{error} (is the disk full?); nothing was recorded") from None
