@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import os
+import signal
 import struct
 import subprocess
 import sys
@@ -24,6 +25,26 @@ _TAKEN = {  # what is no damage to the format: zeros and nothing are what a powe
     ("second log of a session", "nothing"),  # it may be an entry behind, and this session has one
     ("second log of a session", "zeros"),
 }
+_OPENED_BY_PATH = (  # by the program itself, from a path that somebody hands in
+    "params",
+    "profile",
+    "session file",
+    "initial trials",
+    "candidates",
+    "log of a session",
+    "second log of a session",
+    "audit log",
+    "optimiser state",
+    "embedding",
+    "embedding card",
+    "run file",
+    "synergies",
+    "policy",
+    "observations",
+    "digits",
+    "digit predictor",
+    "lead field",
+)
 _GUARDED = ("lead field", "stimulation dataset")  # outs of the pipeline, whose every byte DVC checks
 
 
@@ -72,6 +93,28 @@ def test_hostile_files_are_refused_by_name(place: Path, name: str, spoiling: str
     assert "Traceback" not in message
     made = {p.name for p in place.parent.rglob("*") if p not in before}
     assert made == set()
+
+
+@pytest.mark.parametrize("name", _OPENED_BY_PATH)
+def test_a_pipe_is_refused_and_nobody_waits_for_it(place: Path, name: str) -> None:
+    """Opening a pipe waits until somebody writes, and reading a device such as /dev/zero never ends."""
+    path, _ = written(place, name)
+    path.unlink()
+    os.mkfifo(path)
+
+    def too_long(number: int, frame: object) -> None:
+        raise TimeoutError(f"{name} waits for a pipe")
+
+    before = signal.signal(signal.SIGALRM, too_long)
+    signal.alarm(20)
+    try:
+        message = refusal(ENTRANCES[name], path)
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    if name != "second log of a session":  # the first one has everything
+        assert message is not None
+        assert named(message, path)
 
 
 @pytest.mark.parametrize("name", [n for n in ENTRANCES if n not in _GUARDED])
@@ -156,7 +199,7 @@ BOMBS: list[tuple[str, str, Callable[[Path], None], str]] = [
     ("initial parquet", "", _trials_bomb, "6000000 cells, expected at most 4000000"),
     ("optimiser state", "", _tensor_bomb, "not the state of an optimiser"),
     ("optimiser state", "", _header_bomb, "not the state of an optimiser"),
-    ("optimiser state", "", _sparse, "1099511627776 bytes; expected at most"),
+    ("optimiser state", "", _sparse, "1099511627776 bytes, expected at most"),
     ("embedding", "", _sparse, "1099511627776 bytes, expected at most"),
     ("embedding card", "", _sparse, "1099511627776 bytes, expected at most"),
     ("synergies", "", _tensor_bomb, "cannot be read as synergies"),

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
-from hdsafebo.errors import HdSafeBOError
+from hdsafebo.errors import HdSafeBOError, ParamsError
+from hdsafebo.files.yaml import read_mapping, write_mapping
 from hdsafebo.session.create import create_session
-from hdsafebo.session.errors import AuditError, LimitError, ProtocolError
+from hdsafebo.session.errors import AuditError, DefinitionError, LimitError, ProtocolError
 from hdsafebo.session.log.chain import Entry, seal, write_rows
 from hdsafebo.session.log.layout import write_session
 from hdsafebo.session.log.payloads import KINDS
@@ -79,6 +80,51 @@ def test_steps_start_anew_after_a_pause_wherever_it_lies(
     else:
         session.manual("ann", FAR)
     verify_session(Session.open(session.store.directory))
+
+
+# --- limits far smaller than the range of an input
+
+
+WIDE = [
+    {"name": "a", "lower": -1e9, "upper": 1e9, "max_step": 0.5, "home": 0.0},
+    {"name": "b", "lower": 0.0, "upper": 1e9},
+    {"name": "c", "lower": -1.0, "upper": 1.0},
+]
+
+
+def test_rounding_permits_no_more_than_rounding_however_wide_the_range(make_session: Make) -> None:
+    """An input without a limit worth the name, with a small step or tightened later."""
+    session = make_session(inputs=WIDE)
+    for beyond in ([0.51, 0.0, 0.0], [0.5 + 1e-5, 0.0, 0.0]):
+        with pytest.raises(LimitError, match="permitted now"):
+            session.manual("ann", {"values": beyond})
+    source = Path(session.state.source)
+    tighter = read_mapping(source, ParamsError)
+    tighter["inputs"][1]["upper"] = 1.0
+    write_mapping(source, tighter, ParamsError)
+    session.tighten("ann", source)
+    for beyond in ([0.0, 1.9, 0.0], [0.0, 1.0 + 1e-5, 0.0]):
+        with pytest.raises(LimitError, match="permitted now"):
+            session.manual("ann", {"values": beyond})
+    session.manual("ann", {"values": [0.5, 1.0, 0.0]})
+
+
+@pytest.mark.parametrize("step", ["suggest", "approve", "manual", "tighten"])
+def test_a_session_file_that_brings_a_step_is_refused_in_words(make_session: Make, step: str) -> None:
+    """Steps that were not there when the session was made are no tighter limit of what it has."""
+    plain = [{"name": n, "lower": -1.0, "upper": 1.0} for n in "abc"]
+    session = make_session(inputs=plain)
+    source = Path(session.state.source)
+    changed = read_mapping(source, ParamsError)
+    changed["inputs"][0] |= {"max_step": 0.1, "home": 0.5, "upper": 0.9}
+    write_mapping(source, changed, ParamsError)
+    with pytest.raises(DefinitionError, match=r"inputs\.0\.(max_step|upper)"):
+        {
+            "suggest": lambda: session.suggest("ann"),
+            "approve": lambda: session.approve("ann", 1),
+            "manual": lambda: session.manual("ann", HOME),
+            "tighten": lambda: session.tighten("ann", source),
+        }[step]()
 
 
 # --- lists

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from hdsafebo import Fixed, Limit, Objective, Real, System
+from hdsafebo import Fixed, Limit, Linear, Objective, Real, System
+from hdsafebo.system.description import read_settings
 from hdsafebo.system.errors import DescriptionError
 from system.small import box_system, mixed_system
 
@@ -87,3 +89,52 @@ def test_files_that_are_no_description(tmp_path: Path) -> None:
 def test_numpy_values_become_plain_ones() -> None:
     system = box_system(settings={"a": np.array([1.0, 2.0]), "b": np.array([3, 4])})
     json.dumps(system.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    "text", ['"1_0"', '"10"', "true", '"  5 "', '"nan"', "１", "[1]", "2024-01-01", ".inf", "1e400"]
+)
+@pytest.mark.parametrize("key", ["at_least", "noise"])
+def test_text_and_truth_values_are_no_numbers_of_a_description(tmp_path: Path, text: str, key: str) -> None:
+    """Python reads "1_0" as 10 and true as 1: a limit that nobody wrote."""
+    path = tmp_path / "s.yaml"
+    path.write_text(
+        "name: s\nparameters: [{kind: real, name: a, lower: 0, upper: 1}]\nobjective: {name: y}\n"
+        f"limits: [{{name: g, at_most: 99, {key}: {text}}}]\n"
+    )
+    with pytest.raises(DescriptionError, match=r"g|limits\.0"):
+        System.load(path)
+
+
+@pytest.mark.parametrize("key", ["name", "at_most"])
+def test_a_key_twice_in_json_is_refused(tmp_path: Path, key: str) -> None:
+    box_system().save(tmp_path / "s.json")
+    text = (tmp_path / "s.json").read_text()
+    (tmp_path / "s.json").write_text(text.replace(f'"{key}":', f'"{key}": 5, "{key}":', 1))
+    with pytest.raises(DescriptionError, match=rf"s\.json.*key '{key}' appears twice"):
+        System.load(tmp_path / "s.json")
+
+
+@pytest.mark.parametrize("row", ["1,2,3", "1,2,3,4", "0,1,2"])
+def test_rows_longer_than_their_header_do_not_move(tmp_path: Path, row: str) -> None:
+    """pandas takes the first value for the label of the row, and every column is its neighbour's."""
+    (tmp_path / "settings.csv").write_text(f"a,b\n{row}\n{row.replace('2', '3')}\n")
+    with pytest.raises(DescriptionError, match=r"settings\.csv: cannot be read"):
+        read_settings(tmp_path / "settings.csv")
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Real("a", 0, 10**400),
+        lambda: Real("a", -1e308, 1e308),
+        lambda: Fixed("a", 10**400),
+        lambda: Limit("g", at_least=-(10**400)),
+        lambda: Objective("y", noise=10**400),
+        lambda: Linear.parse(f"a <= {10**400}"),
+        lambda: Linear({"a": 10**400}, at_most=1),
+    ],
+)
+def test_numbers_beyond_all_floats_are_refused_in_words(make: Callable[[], object]) -> None:
+    with pytest.raises(DescriptionError):
+        make()

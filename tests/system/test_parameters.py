@@ -95,3 +95,32 @@ def test_what_was_set_between_steps_is_taken_but_no_list_may_hold_it() -> None:
 
 def test_choices_of_numbers_survive_a_column_of_floats() -> None:
     assert Choice("n", [1, 2, 4]).check([1.0, np.int64(4), np.float64(2)]).tolist() == [0.0, 2.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        Real("a", 0, 1),
+        Real("a", 1e6, 1e6 + 1),
+        Real("a", 2.4e9, 2.4e9 + 10),
+        Real("a", -1e9, -1e9 + 1e3, log=False),
+        Real("a", 1e6, 1e6 + 1, step=1e-4),
+        Real("a", 1e9, 1e9 + 1, step=4e-4),
+        Real("a", 0, 1e6, step=1e-7),
+        Real("a", 1e-300, 1e300, log=True),
+        Integer("a", 0, 10**13),
+        Integer("a", 10**15, 10**15 + 10),
+    ],
+)
+def test_a_shown_value_is_the_one_that_was_judged(part: Real) -> None:
+    """Twelve digits are few far from 0: the setting that is run would be another than the believed one."""
+    columns = part.land(np.random.default_rng(0).uniform(size=(200, 1)))
+    shown = part.check([part.python(v) for v in part.decode(columns)])
+    rounding = 4 * np.spacing(max(abs(part.lower), part.upper)) / (part.upper - part.lower)
+    assert np.abs(part.encode(shown) - columns).max() <= 1e-9 + rounding
+    if part.spacing is not None:
+        steps = (shown - part.lower) / part.spacing
+        assert (
+            np.abs(steps - np.round(steps)).max()
+            <= 1e-6 + 4 * np.spacing(max(abs(part.lower), part.upper)) / part.spacing
+        )

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from hdsafebo import Limit, Study
+from hdsafebo import Limit, Linear, Objective, Real, Study
 from hdsafebo.errors import ParamsError
 from hdsafebo.system.errors import StudyError
 from system.small import box_starts, box_system, mixed_starts, mixed_system, run_box, run_mixed
@@ -150,6 +156,104 @@ def test_damage_is_named_and_nothing_is_overwritten(tmp_path: Path, name: str) -
     with pytest.raises(StudyError, match=f"s/{name}|{name}"):
         Study.open(tmp_path / "s").ask()
     assert path.read_bytes() == damaged
+
+
+def test_every_changed_byte_of_a_description_is_noticed(tmp_path: Path) -> None:
+    """Also before anything was told: a digit of a range or of alpha must not be read as another one."""
+    Study.open(tmp_path / "s", box_system(), alpha=0.95, seed=1)
+    path = tmp_path / "s" / "system.json"
+    content = path.read_bytes()
+    for place in range(len(content)):
+        changed = bytearray(content)
+        changed[place] ^= 1
+        path.write_bytes(changed)
+        try:
+            study = Study.open(tmp_path / "s")
+        except StudyError:
+            continue
+        assert changed[place] in b" \n\t!\x0b" or study.system == box_system(), f"byte {place} is another one"
+        assert (study.seed, study.settings) == (1, {"alpha": 0.95})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"parameters": [Real("a", 0, 100), Real("b", 0, 10)]},
+        {"parameters": [Real("b", 0, 10), Real("a", 0, 10)]},
+        {"parameters": [Real("a", 0, 10, unit="mA"), Real("b", 0, 10)]},
+        {"parameters": [Real("a", 0, 10, step=0.5), Real("b", 0, 10)]},
+        {"objective": Objective("gain", "minimise")},
+        {"limits": [Limit("load", at_most=12, noise=0.5)]},
+        {"constraints": ["a + b <= 11"]},
+        {"failures": "ignored"},
+    ],
+)
+def test_the_state_of_another_system_is_refused(tmp_path: Path, change: dict) -> None:
+    """The optimiser sees the same box, whatever its sides are called and how long they are."""
+    begun(tmp_path / "s")
+    Study.open(tmp_path / "other", box_system(**change), alpha=0.95, seed=1)
+    shutil.copy(tmp_path / "s" / "state", tmp_path / "other" / "state")
+    with pytest.raises(StudyError, match="other/state: description of the problem was"):
+        Study.open(tmp_path / "other")
+
+
+def test_the_state_of_another_alpha_is_refused(tmp_path: Path) -> None:
+    begun(tmp_path / "s")
+    Study.open(tmp_path / "other", box_system(), alpha=0.99, seed=1)
+    shutil.copy(tmp_path / "s" / "state", tmp_path / "other" / "state")
+    with pytest.raises(StudyError, match=r"other/state: is of a study .* other settings"):
+        Study.open(tmp_path / "other")
+
+
+@pytest.mark.parametrize("still_open", [True, False])
+def test_a_study_that_lost_its_state_does_not_begin_anew(tmp_path: Path, still_open: bool) -> None:
+    study = begun(tmp_path / "s")
+    (tmp_path / "s" / "state").unlink()
+    with pytest.raises(StudyError, match="s/state: is missing, and with it all that the study was told"):
+        study.observe(box_starts()) if still_open else Study.open(tmp_path / "s")
+
+
+def test_a_study_of_the_former_format_goes_on(tmp_path: Path) -> None:
+    """Its description has no digest, and nothing was saved before the first step."""
+    Study.open(tmp_path / "s", box_system(), alpha=0.95, seed=1)
+    path = tmp_path / "s" / "system.json"
+    data = json.loads(path.read_text()) | {"format": 1}
+    del data["digest"]
+    path.write_text(json.dumps(data))
+    (tmp_path / "s" / "state").unlink()
+    study = Study.open(tmp_path / "s")
+    study.observe(box_starts())
+    assert len(Study.open(tmp_path / "s")) == 8
+    (tmp_path / "s" / "state").unlink()
+    with pytest.raises(StudyError, match="is missing"):
+        study.ask()
+
+
+@pytest.mark.parametrize("number", [np.float32, np.float16, np.int64, np.uint8, Fraction])
+def test_numbers_of_every_kind_can_be_kept(tmp_path: Path, number: Callable[[int], Any]) -> None:
+    """A range is often the smallest and largest value of an array."""
+    system = box_system(
+        parameters=[Real("a", number(0), number(10), step=number(1)), Real("b", 0, 10)],
+        objective=Objective("gain", noise=number(1)),
+        limits=[Limit("load", at_most=number(12), noise=number(1))],
+        constraints=[Linear({"a": number(1), "b": number(2)}, at_most=number(30))],
+    )
+    settings = {"beta": np.float32(-2)} if number is np.float32 else {"alpha": np.float64(0.95)}
+    study = Study.open(tmp_path / "s", system, seed=np.int64(1), **settings)
+    study.observe(box_starts())
+    assert len(Study.open(tmp_path / "s", system)) == 8
+    with pytest.raises(StudyError, match="seed of the study is 1; expected 2"):
+        Study.open(tmp_path / "s", seed=2)
+
+
+@pytest.mark.parametrize("seed", [1.5, True, -1, "3", None])
+def test_a_seed_is_a_whole_number(tmp_path: Path, seed: Any) -> None:
+    with pytest.raises(ParamsError, match="expected a whole number, at least 0"):
+        Study(box_system(), seed=seed)
+    if seed is not None:
+        with pytest.raises(ParamsError, match="expected a whole number, at least 0"):
+            Study.open(tmp_path / "s", box_system(), seed=seed)
+    assert not (tmp_path / "s").exists()
 
 
 def test_csv(tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -337,3 +339,61 @@ def test_one_bad_row_takes_none_of_the_table(mixed: Study) -> None:
     with pytest.raises(TableError, match="row 4: heat is inf"):
         mixed.observe(rows)
     assert len(mixed) == 20
+
+
+@pytest.mark.parametrize("trial", [float("nan"), None, float("inf"), "8", "x", 8.5, True, np.True_, 10**400])
+def test_what_is_no_number_of_a_trial_is_refused_in_words(trial: Any) -> None:
+    study = box_study()
+    study.ask()
+    with pytest.raises(TableError, match="row 0: trial is"):
+        study.tell({"trial": [trial], "gain": [1.0], "load": [1.0]})
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"results": {"gain": 10**400, "load": 1.0}},
+        {"results": {"gain": np.array(1.0), "load": 1.0}},
+        {"results": {"gain": 1.0, "load": 1.0}, "noise": [1.0, 2.0]},
+        {"results": {"gain": 1.0, "load": 1.0}, "noise": {"gain": 10**400}},
+        {"results": {"gain": 1.0, "load": 1.0}, "ran": [1.0, 2.0]},
+        {"results": {"gain": 1.0, "load": 1.0}, "ran": {"a": 10**400}},
+        {"results": {"gain": 1.0, "load": 1.0, "status": ["completed"]}},
+    ],
+)
+def test_what_is_no_table_of_numbers_is_refused_in_words(given: dict[str, Any]) -> None:
+    study = box_study()
+    suggestion = study.ask()
+    with pytest.raises(TableError):
+        study.tell(suggestion, **given)
+    study.tell(suggestion, {"gain": 1.0, "load": 1.0})
+
+
+def test_one_trial_is_not_told_in_two_ways() -> None:
+    """Whatever differs: of two inputs or two deviations, neither is known to be right."""
+    study = box_study()
+    number = study.ask().trial
+    twice = {"trial": [number, number], "gain": [1.0, 1.0], "load": [1.0, 1.0]}
+    for more in ({"a": [1.0, 2.0]}, {"gain_noise": [0.1, 0.2]}, {"load_noise": [0.1, float("nan")]}):
+        with pytest.raises(TrialError, match="one trial is told twice in this call, with different"):
+            study.tell(twice | more)
+    study.tell(twice | {"a": [1.0, 1.0], "gain_noise": [0.1, 0.1]})
+    study.tell(number, {"gain": 1.0, "load": 1.0}, noise={"gain": 0.1})
+    study.tell(number, {"gain": 1.0, "load": 1.0})
+    for noise in ({"gain": 0.3}, {"load": 0.3}):
+        with pytest.raises(TrialError, match="were told before with another noise"):
+            study.tell(number, {"gain": 1.0, "load": 1.0}, noise=noise)
+
+
+def test_a_suggestion_of_another_study_is_not_told_here() -> None:
+    """Its number is one of this study's, too: results would go to a setting that was never run."""
+    here, there = box_study(seed=0), box_study(seed=1)
+    ours, theirs = here.ask(), there.ask()
+    assert ours.trial == theirs.trial
+    changed = replace(ours, setting=ours.setting | {"a": 9.0})
+    for suggestion in (theirs, changed):
+        with pytest.raises(TableError, match="tell what was really run as ran"):
+            here.tell(suggestion, {"gain": 1.0, "load": 1.0})
+    here.tell(changed, {"gain": 1.0, "load": 1.0}, ran={"a": 9.0})
+    assert here.to_dataframe().loc[ours.trial, "a"] == 9.0
+    here.tell(ours, {"gain": 1.0, "load": 1.0}, ran={"a": 9.0})

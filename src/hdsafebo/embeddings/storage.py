@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from hdsafebo.errors import EmbeddingFileError
 from hdsafebo.files.atomic import replacing, write_json
+from hdsafebo.files.bounded import read_bounded
 
 Tensor = NDArray[np.floating]
 
@@ -81,7 +82,7 @@ def write_files(path: Path, tensors: Mapping[str, Tensor], **card: Any) -> None:
 def read_card(path: Path) -> Card:
     """The card of an embedding file; EmbeddingFileError if it is missing or damaged."""
     card_path = card_of(path)
-    data = _read(card_path, MAX_CARD_BYTES)
+    data = read_bounded(card_path, MAX_CARD_BYTES, EmbeddingFileError)
     try:
         return Card.model_validate_json(data)
     except ValidationError as error:
@@ -116,7 +117,7 @@ def read_tensors(path: Path, specs: Mapping[str, TensorSpec], sha256: str) -> di
         raise EmbeddingFileError(
             f"{card_of(path)}: an embedding of {size} bytes, expected at most {MAX_TENSOR_BYTES}"
         )
-    data = _read(path, size + HEADER_ROOM_BYTES)
+    data = read_bounded(path, size + HEADER_ROOM_BYTES, EmbeddingFileError)
     if hashlib.sha256(data).hexdigest() != sha256:
         raise EmbeddingFileError(f"{path}: its SHA-256 is not the one in its card; it was changed or cut off")
     try:
@@ -134,13 +135,3 @@ def read_tensors(path: Path, specs: Mapping[str, TensorSpec], sha256: str) -> di
         if not np.isfinite(found).all():
             raise EmbeddingFileError(f"{path}: tensor {name!r} holds NaN or infinite values")
     return tensors
-
-
-def _read(path: Path, limit: int) -> bytes:
-    try:
-        size = path.stat().st_size
-        if size > limit:
-            raise EmbeddingFileError(f"{path}: {size} bytes, expected at most {limit}")
-        return path.read_bytes()
-    except OSError as error:
-        raise EmbeddingFileError(f"{path}: cannot be read: {error.strerror or error}") from None

@@ -2,10 +2,35 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from hdsafebo.errors import HdSafeBOError
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file for reading, if it is a regular one: opening or reading a pipe or a device may never end.
+
+    Raises:
+        OSError: it cannot be opened, or is something else.
+    """
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "is no regular file", str(path))
+    return os.fdopen(handle, "rb")
+
+
+def require_regular(path: Path) -> None:
+    """Nothing for a regular file, for readers that open files themselves; see `open_regular`.
+
+    Raises:
+        OSError: it cannot be opened, or is something else.
+    """
+    open_regular(path).close()
 
 
 def read_bounded(path: Path, limit: int, error: type[HdSafeBOError]) -> bytes:
@@ -21,12 +46,10 @@ def read_bounded(path: Path, limit: int, error: type[HdSafeBOError]) -> bytes:
             device has no size, and reading it may never end).
     """
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise error(f"{path}: is no regular file")
-        if status.st_size > limit:
-            raise error(f"{path}: {status.st_size} bytes, expected at most {limit}")
-        with path.open("rb") as file:
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > limit:
+                raise error(f"{path}: {size} bytes, expected at most {limit}")
             content = file.read(limit + 1)  # the file may have grown since
     except OSError as fault:
         raise error(f"{path}: {fault.strerror or fault}") from None

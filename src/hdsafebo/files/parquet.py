@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from hdsafebo.errors import HdSafeBOError
+from hdsafebo.files.bounded import require_regular
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -47,6 +48,8 @@ def read_parquet(
     import pyarrow.parquet as pq
 
     try:
+        if isinstance(source, Path):
+            require_regular(source)
         # Opened as one file: below a directory, pyarrow would read "key=value" parts of the path as columns.
         with pq.ParquetFile(source) as file:
             schema = file.schema_arrow

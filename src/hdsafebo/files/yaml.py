@@ -18,6 +18,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from hdsafebo.errors import HdSafeBOError
 from hdsafebo.files.atomic import replacing
+from hdsafebo.files.bounded import read_bounded
 
 MAX_BYTES = 2**18
 MAX_NODES = 100_000  # keys and values, with aliases written out
@@ -38,13 +39,9 @@ def read_mapping(path: Path, error: type[HdSafeBOError]) -> dict[str, Any]:
             holds a value that contains itself, is no Unicode text or is an integer of more than 64 bits.
             The message names the file, and the line where it is known.
     """
+    content = read_bounded(path, MAX_BYTES, error)
     try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise error(f"{path}: {size} bytes, expected at most {MAX_BYTES}")
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as fault:
-        raise error(f"{path}: {fault.strerror or fault}") from None
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as fault:
         raise error(f"{path}: cannot be read as YAML: no UTF-8 text at byte {fault.start}") from None
     return parse_mapping(text, str(path), error)

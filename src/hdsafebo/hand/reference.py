@@ -17,6 +17,7 @@ from safetensors.numpy import save_file
 
 from hdsafebo.errors import HandModelError
 from hdsafebo.files.atomic import write_json
+from hdsafebo.files.bounded import require_regular
 from hdsafebo.hand.policy import LinearPolicySpace
 from hdsafebo.hand.rollout import Episodes, Scene, episode
 from hdsafebo.hand.scene.model import HandModel
@@ -133,6 +134,7 @@ def load_moment(path: Path, hand: HandModel) -> FloatArray:
         HandModelError: the file is missing or damaged, or belongs to another hand.
     """
     try:
+        require_regular(path)
         with safe_open(path, framework="numpy") as file:
             digest = (file.metadata() or {})["hand"]
             moment = np.asarray(file.get_tensor("moment"), float)

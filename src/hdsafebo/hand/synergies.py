@@ -13,6 +13,7 @@ from safetensors.numpy import save_file
 
 from hdsafebo.errors import DatasetError, HandModelError
 from hdsafebo.files.atomic import write_json
+from hdsafebo.files.bounded import require_regular
 from hdsafebo.hand.policy import LinearPolicySpace
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.scene.model import HandModel
@@ -130,6 +131,7 @@ def load_synergies(path: Path, hand: HandModel) -> Synergies:
         HandModelError: the file is missing or damaged, or belongs to another hand.
     """
     try:
+        require_regular(path)
         with safe_open(path, framework="numpy") as file:
             card = json.loads((file.metadata() or {})["card"])
             mean, components, explained = (

@@ -11,6 +11,7 @@ from safetensors.numpy import save_file
 
 from hdsafebo.errors import PolicyFileError
 from hdsafebo.files.atomic import replacing
+from hdsafebo.files.bounded import require_regular
 from hdsafebo.policies.affine import AffinePolicy, Normalisation, PolicySpace
 from hdsafebo.typing import FloatArray
 
@@ -57,6 +58,7 @@ def load_policy(path: Path) -> AffinePolicy:
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise PolicyFileError(f"{path}: {path.stat().st_size} bytes; expected at most {_MOST_BYTES}")
+        require_regular(path)
         with safe_open(path, framework="numpy") as file:
             card = json.loads((file.metadata() or {})["card"])
             names = (*_VECTORS, "weights", "mean", "scale")

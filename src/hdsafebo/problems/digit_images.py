@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.files.bounded import open_regular
 from hdsafebo.typing import FloatArray
 
 Source = Literal["mnist", "sklearn", "idx", "openml"]
@@ -93,7 +94,7 @@ def read_idx(path: Path, dimensions: int) -> NDArray[np.uint8]:
         DatasetError: the file is missing, truncated, too large, or of another type or dimension.
     """
     try:
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+        with open_regular(path) as raw, gzip.open(raw) if path.suffix == ".gz" else raw as file:
             data = file.read(_IDX_MAX_BYTES + 1)
     except (OSError, EOFError) as error:
         raise DatasetError(f"{path}: cannot be read: {error}") from error

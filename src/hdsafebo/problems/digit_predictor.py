@@ -14,6 +14,7 @@ from torch import nn
 
 from hdsafebo.embeddings.training.loop import one_torch_thread
 from hdsafebo.errors import DatasetError, EmbeddingTrainingError
+from hdsafebo.files.bounded import require_regular
 from hdsafebo.problems.digit_images import DigitImages
 from hdsafebo.progress import progress
 from hdsafebo.typing import FloatArray
@@ -114,6 +115,7 @@ class DigitPredictor:
     def load(cls, path: Path) -> DigitPredictor:
         """Read weights; DatasetError when the file is missing, damaged or of something else."""
         try:
+            require_regular(path)
             with safe_open(path, "pt") as file:
                 metadata = file.metadata() or {}
                 if metadata.get("format") != _FORMAT:

@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, ValidationInfo, model_validator
 
 from hdsafebo.files.yaml import read_mapping
 from hdsafebo.params import Block, Count, Positive, Scalar
@@ -20,7 +20,19 @@ from hdsafebo.session.measuring.emg import Emg
 from hdsafebo.session.measuring.stimulator import StimulationLimits, Stimulator
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s,;:/\\]+$")]
+
+
+def _visible(name: str, info: ValidationInfo) -> str:
+    """The name, unless a new session would show it as another; sessions that have begun open as they are."""
+    if info.context == NEW and not name.isprintable():
+        hidden = next(c for c in name if not c.isprintable())
+        raise ValueError(f"has a character that cannot be seen, U+{ord(hidden):04X}")
+    return name
+
+
+NEW = "new"
+"""Context of a definition that is read from a session file, and not from the log of a session."""
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s,;:/\\]+$"), AfterValidator(_visible)]
 
 
 class MethodChoice(Block):
@@ -254,13 +266,15 @@ def load_definition(path: Path) -> Definition:
             there twice, of the wrong type or out of range; the message names it.
     """
     data = read_mapping(path, DefinitionError)
-    return parse_definition(data, source=str(path))
+    return parse_definition(data, source=str(path), context=NEW)
 
 
-def parse_definition(data: dict[str, Any], *, source: str = "session file") -> Definition:
+def parse_definition(
+    data: dict[str, Any], *, source: str = "session file", context: str | None = None
+) -> Definition:
     """Check a definition that was already read; see `load_definition`."""
     try:
-        return _ADAPTER.validate_python(data)
+        return _ADAPTER.validate_python(data, context=context)
     except ValidationError as error:
         raise DefinitionError("\n".join(f"{source}: {_explain(e)}" for e in error.errors())) from None
 

@@ -44,7 +44,7 @@ def changes(present: Definition, wanted: Definition) -> tuple[list[Change], list
         change = (".".join(map(str, place)), before, after)
         if direction and ordered:
             tighter.append(change)
-        elif general == _HOME and after == _clipped_home(wanted, place[1], before):
+        elif general == _HOME and before is not None and after == _clipped_home(wanted, place[1], before):
             continue  # the start follows limits that have left it outside
         else:
             others.append(change)

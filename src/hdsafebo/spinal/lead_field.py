@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import HdSafeBOError
+from hdsafebo.files.bounded import open_regular
 from hdsafebo.spinal.geometry.anatomy import Anatomy
 
 Array = NDArray[np.float64]
@@ -65,7 +66,7 @@ class LeadField:
             LeadFieldError: the file is missing, damaged, holds other arrays, or they do not fit together.
         """
         try:
-            with path.open("rb") as handle, np.load(handle, allow_pickle=False) as file:
+            with open_regular(path) as handle, np.load(handle, allow_pickle=False) as file:
                 found = cls(**{name: file[name] for name in _ARRAYS})
         except FileNotFoundError as error:
             raise LeadFieldError(f"{path}: no such file; the stage solve_lead_field writes it") from error

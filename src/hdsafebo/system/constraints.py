@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hdsafebo.system.errors import DescriptionError, TableError
 from hdsafebo.system.parameters import Real
-from hdsafebo.system.values import finite
+from hdsafebo.system.values import Number, finite, plain, set_plain
 from hdsafebo.typing import FloatArray
 
 _MARGIN = 1e-9
@@ -39,10 +39,10 @@ class Linear:
         equals: its value (parameters without steps only).
     """
 
-    coefficients: dict[str, float] = field(hash=False)
-    at_most: float | None = None
-    at_least: float | None = None
-    equals: float | None = None
+    coefficients: dict[str, Number] = field(hash=False)
+    at_most: Number | None = None
+    at_least: Number | None = None
+    equals: Number | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.coefficients, Mapping) or not self.coefficients:
@@ -50,12 +50,13 @@ class Linear:
                 f"a linear constraint has the coefficients {self.coefficients!r}; "
                 "expected a weight for each parameter, such as {'a': 1, 'b': 2}"
             )
+        weights = {n: plain(w, f"constraint: coefficient of {n!r}") for n, w in self.coefficients.items()}
+        object.__setattr__(self, "coefficients", weights)
         for name, weight in self.coefficients.items():
             if finite(weight, f"constraint: coefficient of {name!r}") == 0:
                 raise DescriptionError(f"constraint: coefficient of {name!r} is 0; leave the parameter out")
         given = [k for k in ("at_most", "at_least", "equals") if getattr(self, k) is not None]
-        for key in given:
-            finite(getattr(self, key), f"constraint {self.left}: {key}")
+        set_plain(self, f"constraint {self.left}", *given)
         if not given or ("equals" in given and len(given) > 1):
             raise DescriptionError(
                 f"constraint {self.left} has {' and '.join(given) or 'no limit'}; expected at_most, "
@@ -75,7 +76,7 @@ class Linear:
                 raise ValueError("expected one of <=, >=, ==")
             kind = _KINDS[type(tree.ops[0])]
             left, right = _terms(tree.left), _terms(tree.comparators[0])
-        except (SyntaxError, ValueError, KeyError, RecursionError, MemoryError) as error:
+        except (SyntaxError, ValueError, KeyError, RecursionError, MemoryError, OverflowError) as error:
             reason = f" ({error})" if isinstance(error, ValueError) else ""
             raise DescriptionError(
                 f"constraint {text!r} is not understood{reason}; expected a form such as '2*a + b <= 4'"

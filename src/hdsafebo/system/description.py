@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
+from hdsafebo.files.bounded import read_bounded
 from hdsafebo.system.constraints import Feasible, Linear, as_linear
 from hdsafebo.system.errors import DescriptionError
 from hdsafebo.system.outcomes import Limit, Objective
@@ -212,10 +215,12 @@ def read_settings(path: Path) -> dict[str, list[Any]]:
     import pandas as pd
 
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise DescriptionError(f"{path}: more than {_MAX_BYTES} bytes")
-        table = pd.read_csv(path)
-    except (OSError, ValueError) as error:
+        with warnings.catch_warnings():
+            # Of rows longer than the header, pandas would take the first value for a label, or drop the last.
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            content = BytesIO(read_bounded(path, _MAX_BYTES, DescriptionError))
+            table = pd.read_csv(content, index_col=False)
+    except (ValueError, pd.errors.ParserWarning) as error:
         raise DescriptionError(f"{path}: cannot be read: {error}") from None
     return {str(name): table[name].tolist() for name in table.columns}
 
@@ -227,15 +232,22 @@ def read_json(path: Path) -> dict[str, Any]:
         DescriptionError: the file is missing, too large, no JSON or no object.
     """
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise DescriptionError(f"{path}: more than {_MAX_BYTES} bytes")
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise DescriptionError(f"{path}: {error.strerror or error}") from None
+        text = read_bounded(path, _MAX_BYTES, DescriptionError).decode("utf-8-sig")
+        data = json.loads(text, object_pairs_hook=_each_once)
     except (ValueError, RecursionError) as error:
         raise DescriptionError(f"{path}: cannot be read as JSON: {error}") from None
     if not isinstance(data, dict):
         raise DescriptionError(f"{path}: expected an object of keys and values")
+    return data
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON, of which Python would keep the last of two values under one key."""
+    data: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in data:
+            raise ValueError(f"the key {key!r} appears twice")
+        data[key] = value
     return data
 
 

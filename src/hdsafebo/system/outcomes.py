@@ -10,7 +10,7 @@ from typing import Literal
 
 from hdsafebo.problem import Safety
 from hdsafebo.system.errors import DescriptionError
-from hdsafebo.system.values import check_name, finite
+from hdsafebo.system.values import Number, check_name, finite, set_plain
 
 Direction = Literal["maximise", "minimise"]
 
@@ -29,7 +29,7 @@ class Objective:
     name: str
     direction: Direction = "maximise"
     unit: str = ""
-    noise: float | None = None
+    noise: Number | None = None
 
     def __post_init__(self) -> None:
         check_name(self.name, "the objective")
@@ -38,6 +38,7 @@ class Objective:
                 f"direction of objective {self.name!r} is {self.direction!r}; "
                 "expected 'maximise' or 'minimise'"
             )
+        set_plain(self, f"objective {self.name!r}", "noise")
         check_noise(self.noise, f"noise of objective {self.name!r}")
 
     @property
@@ -61,18 +62,18 @@ class Limit:
     """
 
     name: str
-    at_least: float | None = None
-    at_most: float | None = None
+    at_least: Number | None = None
+    at_most: Number | None = None
     unit: str = ""
-    noise: float | None = None
+    noise: Number | None = None
 
     def __post_init__(self) -> None:
         check_name(self.name, "a limit")
         what = f"limit {self.name!r}"
         if self.at_least is None and self.at_most is None:
             raise DescriptionError(f"{what} has neither at_least nor at_most; expected one of them, or both")
-        low = None if self.at_least is None else finite(self.at_least, f"{what}: at_least")
-        high = None if self.at_most is None else finite(self.at_most, f"{what}: at_most")
+        set_plain(self, what, "at_least", "at_most", "noise")
+        low, high = self.at_least, self.at_most
         if low is not None and high is not None and not low < high:
             raise DescriptionError(f"{what}: at_least {low:g} is not below at_most {high:g}")
         check_noise(self.noise, f"noise of {what}")

@@ -6,6 +6,7 @@ of those columns stand for a value that can be set.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -13,13 +14,17 @@ from typing import Any, Literal
 import numpy as np
 
 from hdsafebo.system.errors import DescriptionError, TableError
-from hdsafebo.system.values import check_distinct, check_name, finite, shown
+from hdsafebo.system.values import Number, check_distinct, check_name, finite, set_plain, shown
 from hdsafebo.typing import FloatArray
 
 _SLACK = 1e-9
 """Values outside a range by this share of its width are taken for rounding, and cut to the range."""
 _DIGITS = 12
 """Significant digits of values that are shown, and of values on steps."""
+_FLOAT_DIGITS, _EXACT = 16, 17
+"""Significant digits that a float can round to, and digits that tell every float from its neighbours."""
+_SPARE = 3
+"""Of twelve digits so many may be the same in the whole range: nine tell the values apart, as in the box."""
 _ON_STEP = 1e-6
 """Values off the nearest step by this share of a step are taken for rounding."""
 
@@ -37,17 +42,18 @@ class Real:
     """
 
     name: str
-    lower: float
-    upper: float
+    lower: Number
+    upper: Number
     unit: str = ""
     log: bool = False
-    step: float | None = None
+    step: Number | None = None
     kind: Literal["real"] = field(default="real", kw_only=True)
 
     def __post_init__(self) -> None:
         check_name(self.name, "a parameter")
         what = f"parameter {self.name!r}"
-        lower, upper = finite(self.lower, f"{what}: lower"), finite(self.upper, f"{what}: upper")
+        set_plain(self, what, "lower", "upper", "step")
+        lower, upper = self.lower, self.upper
         if not lower < upper:
             raise DescriptionError(
                 f"{what} ranges from {lower:g} to {upper:g}; expected lower < upper (a value that never "
@@ -55,7 +61,11 @@ class Real:
             )
         if self.log and lower <= 0:
             raise DescriptionError(f"{what} has log=True and lower {lower:g}; expected lower > 0")
-        if self.step is not None and not 0 < finite(self.step, f"{what}: step") <= upper - lower:
+        if not math.isfinite(float(upper) - float(lower)):
+            raise DescriptionError(
+                f"{what} ranges from {lower:g} to {upper:g}; expected a range below 1.8e308"
+            )
+        if self.step is not None and not 0 < self.step <= upper - lower:
             raise DescriptionError(f"{what}: step is {self.step:g}; expected more than 0, at most the range")
 
     @property
@@ -121,8 +131,11 @@ class Real:
             return values
         steps = np.floor((self.upper - self.lower) / self.spacing + _ON_STEP)
         landed = self.lower + np.clip(np.round((values - self.lower) / self.spacing), 0, steps) * self.spacing
-        digits = _DIGITS - int(np.floor(np.log10(max(abs(self.lower), abs(self.upper)))))
-        return np.asarray(np.minimum(np.round(landed, digits), self.upper))  # 0.6, not 0.6000000000000001
+        whole = self._whole_digits - 1
+        decimals = max(_DIGITS - whole, self._step_decimals)
+        if whole + decimals < _FLOAT_DIGITS:  # beyond, rounding itself would lose digits
+            landed = np.round(landed, decimals)  # 0.6, not 0.6000000000000001
+        return np.asarray(np.minimum(landed, self.upper))
 
     def beside(self, value: float) -> list[float]:
         """The values one step away; none where every value can be set."""
@@ -134,8 +147,31 @@ class Real:
         return [float(v) for v in around if abs(v - value) > _ON_STEP * self.spacing]
 
     def python(self, value: Any) -> float | int | str | bool:
-        """A decoded value as plain Python, with twelve digits: what was 6.88 in a table is 6.88 again."""
-        return min(max(float(f"{float(value):.{_DIGITS}g}"), self.lower), self.upper)
+        """A decoded value as plain Python, with twelve digits: what was 6.88 in a table is 6.88 again.
+
+        More where twelve would show another value than the one that was judged: in a narrow range far from 0,
+        and on fine steps.
+        """
+        narrow = int(np.ceil(np.log10(self._largest) - np.log10(self.upper - self.lower))) - _SPARE
+        fine = 0 if self.spacing is None else self._whole_digits + self._step_decimals - _DIGITS
+        digits = min(_DIGITS + max(narrow, fine - 1, 0), _EXACT)
+        return min(max(float(f"{float(value):.{digits}g}"), self.lower), self.upper)
+
+    @property
+    def _largest(self) -> float:
+        """Largest size of a value."""
+        return float(max(abs(self.lower), abs(self.upper)))
+
+    @property
+    def _whole_digits(self) -> int:
+        """Digits before the decimal point of the largest value; 0 and less below 1."""
+        return int(np.floor(np.log10(self._largest))) + 1
+
+    @property
+    def _step_decimals(self) -> int:
+        """Digits behind the decimal point that a step such as 0.125 has."""
+        assert self.spacing is not None
+        return 2 - int(np.floor(np.log10(self.spacing)))
 
     def _scaled(self, value: Any) -> Any:
         return np.log(value) if self.log else np.asarray(value, float)
@@ -270,8 +306,8 @@ class Fixed:
             raise DescriptionError(
                 f"parameter {self.name!r} is fixed at {self.value!r}; expected a text, number or truth value"
             )
-        if not isinstance(self.value, str):
-            finite(float(self.value), f"parameter {self.name!r}: value")
+        if not isinstance(self.value, str | bool):
+            finite(self.value, f"parameter {self.name!r}: value")
 
     @property
     def width(self) -> int:

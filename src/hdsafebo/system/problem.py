@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from hashlib import sha256
+
 import numpy as np
 
 from hdsafebo.errors import ProblemError
@@ -18,11 +21,14 @@ class SystemProblem(Problem):
 
     Attributes:
         codec: between the user's values and the box.
+        description: SHA-256 of the system. The box has no names, units or ranges, so that nothing else would
+            tell a state of this system from one of another.
     """
 
     def __init__(self, system: System) -> None:
         self.name = system.name
         self.codec = BoxCodec(system)
+        self.description = _digest(system)
         self.bounds = self.codec.bounds
         self.contexts = self.codec.contexts
         self.lands = self.codec.lands and system.settings is None
@@ -44,6 +50,12 @@ class SystemProblem(Problem):
     def evaluate(self, trials: Trials) -> Evaluation:
         """Not possible: ProblemError."""
         raise ProblemError(f"{self.name!r} is evaluated by its user, who tells the results")
+
+
+def _digest(system: System) -> str:
+    """SHA-256 of a description; 1 and 1.0 are the same, as one becomes the other in files."""
+    plain = json.loads(json.dumps(system.to_dict(), default=str), parse_int=float)
+    return sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 class SettingsList:

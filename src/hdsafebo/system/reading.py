@@ -7,6 +7,7 @@ What the user passes is checked here by name; the step itself (who may take it, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from hdsafebo.system.description import System
 from hdsafebo.system.errors import TableError
 from hdsafebo.system.problem import SystemProblem
 from hdsafebo.system.tables import NOISE, STATUS, TRIAL, columns_of, require, result_names
+from hdsafebo.system.values import finite
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import BoolArray, FloatArray
 
@@ -30,6 +32,27 @@ _STATES = {Status.PENDING: "pending", Status.COMPLETED: "completed", Status.FAIL
 MARKED = "marked_unsafe"
 _SAME = 1e-9
 """Largest difference, in the box, between an input that was asked and the same input read from a table."""
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A trial to run.
+
+    Attributes:
+        trial: its id, to tell its results under.
+        setting: values of the parameters, ready to be passed on as they are.
+        context: values of the contexts it was asked for.
+        safe_probability: that every limit is kept, as believed of exactly this setting; NaN while nothing is
+            known. Methods without a model are told nothing of it: it is the common model's, shown here and
+            not kept.
+        marked_unsafe: nothing was believed safe, and `empty_safe_set="mark"` asked for it all the same.
+    """
+
+    trial: int
+    setting: dict[str, Any]
+    context: dict[str, Any]
+    safe_probability: float
+    marked_unsafe: bool
 
 
 def context_columns(codec: BoxCodec, context: Mapping[str, Any] | None) -> FloatArray:
@@ -91,7 +114,7 @@ def results_of_one(
     if results is None:
         raise TableError(f"results are missing; expected {', '.join(system.outcomes)}, or failed=True")
     columns = columns_of(results, "results")
-    for name, value in (noise or {}).items():
+    for name, value in mapping(noise, "noise").items():
         columns[name + NOISE] = [value]
     require(columns, system.outcomes, result_names(system), "results")
     if len(columns[system.outcomes[0]]) != 1:
@@ -112,12 +135,47 @@ def results_of_many(system: System, table: Table) -> tuple[list[int], dict[str, 
     outcomes = [] if STATUS in columns else list(system.outcomes)
     shown = [*system.inputs, SAFE_PROBABILITY, MARKED]
     require(columns, [TRIAL, *outcomes], [*result_names(system), *shown], "the table")
-    ids = []
-    for i, value in enumerate(columns.pop(TRIAL)):
-        if isinstance(value, bool) or int(value) != value:
-            raise TableError(f"row {i}: trial is {value!r}; expected the number of a trial")
-        ids.append(int(value))
+    ids = [_id_of(value, i) for i, value in enumerate(columns.pop(TRIAL))]
     return ids, {n: v for n, v in columns.items() if n not in (SAFE_PROBABILITY, MARKED)}
+
+
+def _id_of(value: Any, row: int) -> int:
+    """The number of a trial; a column of whole numbers may be one of floats in pandas."""
+    number = finite(value, f"row {row}: trial", TableError)
+    if number != int(number):
+        raise TableError(f"row {row}: trial is {value!r}; expected the number of a trial")
+    return int(value)
+
+
+def check_asked(codec: BoxCodec, trials: Trials, suggestion: Suggestion) -> None:
+    """Refuse a suggestion that is not what was asked under its number: of another study, or changed since.
+
+    Raises:
+        TableError: names what differs. Of a trial that was told before, the results say it.
+    """
+    number = suggestion.trial
+    if not 0 <= number < len(trials) or trials.status[number] != Status.PENDING:
+        return  # tell refuses unknown trials
+    asked = codec.records(trials.x[[number]])[0]
+    for name, value in {**suggestion.setting, **suggestion.context}.items():
+        if name not in asked or asked[name] != value:
+            raise TableError(
+                f"the suggestion has {name} = {value!r}, but trial {number} of this study was asked with "
+                f"{asked}; tell what was really run as ran={{...}}"
+            )
+
+
+def mapping(values: Any, what: str) -> dict[str, Any]:
+    """Values by name; nothing for None.
+
+    Raises:
+        TableError: they have no names.
+    """
+    if values is None:
+        return {}
+    if not isinstance(values, Mapping):
+        raise TableError(f"{what} is {type(values).__name__}; expected values by name")
+    return dict(values)
 
 
 def suggested(codec: BoxCodec, trials: Trials) -> pd.DataFrame:

@@ -1,7 +1,7 @@
 """A study's folder: its description, and the optimiser's state, replaced whole after each step.
 
 system.json   the system, the method, the seed and the settings; written once
-state         the optimiser; complete or as it was before, whenever the process is killed
+state         the optimiser; complete or as it was before, whenever the process is killed; it names the system
 lock          held while a step is taken, so that several processes take turns
 """
 
@@ -10,18 +10,24 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from hashlib import sha256
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
-from hdsafebo.errors import HdSafeBOError
-from hdsafebo.files.atomic import replacing
+from pydantic import BaseModel
+
+from hdsafebo.errors import HdSafeBOError, ParamsError
+from hdsafebo.files.atomic import WriteError, write_json
+from hdsafebo.files.durable import make_durable_directory
 from hdsafebo.system.description import System, read_json
 from hdsafebo.system.errors import StudyError
 
-_FORMAT = 1
+_FORMAT = 2
+_WITHOUT_DIGEST = 1  # written before descriptions had a digest, and studies a state from the beginning
 _SYSTEM, _STATE, _LOCK = "system.json", "state", "lock"
 
 
@@ -33,11 +39,19 @@ class Plan:
         method: name of the optimiser.
         seed: of its random generator.
         settings: of the method.
+
+    Raises:
+        ParamsError: the seed is no whole number, or negative.
     """
 
     method: str
     seed: int
     settings: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        if isinstance(self.seed, bool) or not isinstance(self.seed, Integral) or self.seed < 0:
+            raise ParamsError(f"seed is {self.seed!r}; expected a whole number, at least 0")
+        object.__setattr__(self, "seed", int(self.seed))
 
 
 class Folder:
@@ -50,6 +64,7 @@ class Folder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._seen: tuple[int, int, int] | None = None
+        self._has_state = False  # a study without its state has lost all that it was told
 
     @property
     def exists(self) -> bool:
@@ -66,8 +81,13 @@ class Folder:
         """Whether a state was saved."""
         return self.state.exists()
 
-    def create(self, system: System, plan: Plan) -> None:
-        """Write the description, unless another process has just done so.
+    def create(self, system: System, plan: Plan, save: Callable[[Path], None]) -> None:
+        """Write state and description, unless another process has just done so.
+
+        Args:
+            system: of the study.
+            plan: what it is begun with.
+            save: writes the state of an optimiser that knows nothing yet.
 
         Raises:
             StudyError: the path is something else than a study's folder.
@@ -75,14 +95,24 @@ class Folder:
         """
         if self.path.exists() and not self.path.is_dir():
             raise StudyError(f"{self.path}: is a file; expected the folder of a study, or nothing yet")
-        if self.path.is_dir() and not self.exists and any(p.name != _LOCK for p in self.path.iterdir()):
+        if (
+            self.path.is_dir()
+            and not self.exists
+            and any(p.name not in (_LOCK, _STATE) for p in self.path.iterdir())
+        ):
             raise StudyError(
                 f"{self.path}: is a folder with other files; expected that of a study, or nothing yet"
             )
         data = {"format": _FORMAT, **asdict(plan), "system": system.to_dict()}
-        with replacing(self.path / _SYSTEM) as temporary:
-            text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False)
-            temporary.write_text(text + "\n", encoding="utf-8")
+        data["digest"] = _digest(data)
+        try:
+            make_durable_directory(self.path)
+        except OSError as error:
+            raise WriteError(f"{self.path}: cannot be made: {error.strerror or error}") from None
+        with self.locked():
+            if not self.exists:
+                save(self.state)
+                write_json(self.path / _SYSTEM, data)  # last: it makes the folder a study
 
     def read(self) -> tuple[System, Plan]:
         """What the study was begun with.
@@ -93,9 +123,13 @@ class Folder:
         path = self.path / _SYSTEM
         try:
             data = read_json(path)
-            if data.get("format") != _FORMAT:
+            if data.get("format") not in (_FORMAT, _WITHOUT_DIGEST):
                 raise StudyError(f"{path}: format {data.get('format')!r}; expected {_FORMAT}")
-            plan = Plan(str(data["method"]), int(data["seed"]), dict(data["settings"]))
+            self._has_state = data["format"] == _FORMAT
+            digest = data.pop("digest", None)
+            if digest != (_digest(data) if self._has_state else None):
+                raise StudyError(f"{path}: damaged description: it is not the one that was written")
+            plan = Plan(str(data["method"]), data["seed"], dict(data["settings"]))
             return System.from_dict(data["system"], source=str(path)), plan
         except StudyError:
             raise
@@ -128,6 +162,20 @@ class Folder:
     def note(self) -> None:
         """The present state is known here."""
         self._seen = self._stamp()
+        self._has_state |= self._seen is not None
+
+    def require_state(self) -> None:
+        """Raise StudyError when the state is gone that the study had."""
+        if self._has_state and not self.begun:
+            raise StudyError(f"{self.state}: is missing, and with it all that the study was told")
+
+    def check_settings(self, plan: Plan, begun: BaseModel, loaded: BaseModel) -> None:
+        """Raise StudyError unless a loaded state has the settings that the study was begun with."""
+        if begun != loaded:
+            raise StudyError(
+                f"{self.state}: is of a study by {plan.method} with other settings: {loaded!r}; expected "
+                f"{begun!r}"
+            )
 
     def forget(self) -> None:
         """What is known here may differ from the state: read it again."""
@@ -140,6 +188,11 @@ class Folder:
         except OSError:
             return None
         return status.st_ino, status.st_mtime_ns, status.st_size
+
+
+def _digest(data: Mapping[str, Any]) -> str:
+    """SHA-256 of plain data."""
+    return sha256(json.dumps(data, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 
 def check_same(path: str | Path, stored: Mapping[str, Any], given: Mapping[str, Any]) -> None:

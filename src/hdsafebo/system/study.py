@@ -13,7 +13,6 @@ import uuid
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +25,7 @@ from hdsafebo.system.beliefs import Belief, Best
 from hdsafebo.system.description import System
 from hdsafebo.system.errors import StudyError, TableError
 from hdsafebo.system.problem import SystemProblem
+from hdsafebo.system.reading import Suggestion
 from hdsafebo.system.storage import Folder, Plan, check_same
 from hdsafebo.system.tables import STATUS, columns_of, measured, require, result_names
 from hdsafebo.trials import Status
@@ -35,27 +35,6 @@ if TYPE_CHECKING:
 
     from hdsafebo.optimizers.base import Optimizer
     from hdsafebo.system.tables import Table
-
-
-@dataclass(frozen=True)
-class Suggestion:
-    """A trial to run.
-
-    Attributes:
-        trial: its id, to tell its results under.
-        setting: values of the parameters, ready to be passed on as they are.
-        context: values of the contexts it was asked for.
-        safe_probability: that every limit is kept, as believed of exactly this setting; NaN while nothing is
-            known. Methods without a model are told nothing of it: it is the common model's, shown here and
-            not kept.
-        marked_unsafe: nothing was believed safe, and `empty_safe_set="mark"` asked for it all the same.
-    """
-
-    trial: int
-    setting: dict[str, Any]
-    context: dict[str, Any]
-    safe_probability: float
-    marked_unsafe: bool
 
 
 class Study:
@@ -116,8 +95,10 @@ class Study:
             if system is None:
                 raise StudyError(f"{path}: no study is there; pass the system to begin one")
             plan = Plan(method or "hdsafebo_local", seed or 0, settings)
-            cls.__new__(cls)._begin(system, plan, None)  # what cannot be begun leaves no folder
-            folder.create(system, plan)
+            begun = cls.__new__(cls)
+            begun._begin(system, plan, None)  # what cannot be begun leaves no folder
+            kept = begun._optimizer.settings.model_dump(mode="json", exclude_unset=True)
+            folder.create(system, Plan(plan.method, plan.seed, kept), begun._optimizer.save)
         stored, plan = folder.read()
         given = {"method": method, "seed": seed, **settings}
         known = {"method": plan.method, "seed": plan.seed, **plan.settings}
@@ -155,6 +136,7 @@ class Study:
         self._optimizer: Optimizer = make_optimizer(
             self._plan.method, self._problem, seed=self._plan.seed, **self._plan.settings
         )
+        self._settings = self._optimizer.settings
 
     # --- steps
 
@@ -223,7 +205,7 @@ class Study:
             number = trial.trial if isinstance(trial, Suggestion) else int(trial)
             ids = [number]
             columns = reading.results_of_one(self.system, results, failed, noise)
-            instead = dict(ran or {})
+            instead = reading.mapping(ran, "ran")
             require(instead, [], self.system.inputs, "ran")
         else:
             if results is not None or ran is not None or noise is not None or failed:
@@ -234,6 +216,8 @@ class Study:
             instead = {n: columns.pop(n) for n in self.system.inputs if n in columns}
         told = measured(self.system, columns, len(ids))
         with self._step() as optimizer:
+            if isinstance(trial, Suggestion) and not instead:
+                reading.check_asked(self._problem.codec, optimizer.trials, trial)
             x = reading.inputs_run(self._problem.codec, optimizer.trials.x, ids, instead)
             optimizer.tell(ids, told.objective, told.safety, status=told.status, x=x, noise=told.noise)
 
@@ -386,6 +370,7 @@ class Study:
                 self._folder.note()
 
     def _refresh(self, folder: Folder) -> None:
+        folder.require_state()
         if not folder.changed:
             return
         if folder.begun:
@@ -394,6 +379,7 @@ class Study:
                 self._optimizer = load_optimizer(self._plan.method, folder.state, self._problem)
             except HdSafeBOError as error:
                 raise StudyError(f"{folder.path}: {error}") from error
+            folder.check_settings(self._plan, self._settings, self._optimizer.settings)
         else:
             self._new()
         folder.note()

@@ -60,7 +60,10 @@ def columns_of(table: Table, what: str) -> dict[str, list[Any]]:
             raise TableError(f"{what} has the column {twice[0]!r} twice")
         return {name: table.iloc[:, j].tolist() for j, name in enumerate(names)}  # type: ignore[union-attr]
     if isinstance(table, Mapping):
-        lists = {n: isinstance(v, list | tuple | np.ndarray) for n, v in table.items()}
+        lists = {
+            n: isinstance(v, list | tuple) or (isinstance(v, np.ndarray) and v.ndim > 0)
+            for n, v in table.items()
+        }
         if lists and all(lists.values()):
             columns = {str(n): list(v) for n, v in table.items()}
             if len({len(v) for v in columns.values()}) > 1:
@@ -152,7 +155,7 @@ def _states(given: Sequence[Any] | None, n: int) -> np.ndarray:
         return np.full(n, np.uint8(Status.COMPLETED))
     states = []
     for i, state in enumerate(given):
-        if state not in _STATES:
+        if not isinstance(state, str) or state not in _STATES:
             raise TableError(f"row {i}: status is {state!r}; expected 'completed' or 'failed'")
         states.append(np.uint8(_STATES[state]))
     return np.array(states, np.uint8)

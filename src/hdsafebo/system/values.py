@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from numbers import Integral
 from numbers import Real as RealNumber
+from typing import Annotated
 
 import numpy as np
+from pydantic import Strict
 
 from hdsafebo.errors import HdSafeBOError
 from hdsafebo.system.errors import DescriptionError
 
+Number = Annotated[float, Strict()]
+"""A number of a description; `true` is none, nor is text such as "1_0", which Python reads as 10."""
 _LONGEST = 64
 _FORBIDDEN = set(",;\n\r\t\"'")
 
@@ -23,10 +28,35 @@ def finite(value: object, what: str, error: type[HdSafeBOError] = DescriptionErr
     """
     if isinstance(value, bool | np.bool_) or not isinstance(value, RealNumber):
         raise error(f"{what} is {value!r}; expected a number")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number of more digits than any float has
+        number = math.inf
     if not math.isfinite(number):
         raise error(f"{what} is {number}; expected a finite number")
     return number
+
+
+def plain(value: object, what: str) -> float | int:
+    """A finite number as Python's own, so that a description can be written: NumPy's float32 cannot.
+
+    Raises:
+        DescriptionError: it is none.
+    """
+    number = finite(value, what)
+    return int(value) if isinstance(value, Integral) else number
+
+
+def set_plain(part: object, what: str, *names: str) -> None:
+    """Make the numbers of a frozen part of a description plain; None stays.
+
+    Raises:
+        DescriptionError: one is no finite number.
+    """
+    for name in names:
+        value = getattr(part, name)
+        if value is not None:
+            object.__setattr__(part, name, plain(value, f"{what}: {name}"))
 
 
 def check_name(name: object, what: str) -> None:

@@ -149,7 +149,7 @@ def test_damaged_files(tmp_path: Path, content: bytes) -> None:
 
 def test_missing_and_cut_files(tmp_path: Path) -> None:
     path = tmp_path / "state"
-    with pytest.raises(StateFileError, match="cannot be read"):
+    with pytest.raises(StateFileError, match="No such file"):
         HdSafeBO.load(path, bowl_problem())
     made = HdSafeBO(bowl_problem())
     observe_initial(made)

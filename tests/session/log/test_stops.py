@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hdsafebo.session.errors import ProtocolError, StoppedError
+from hdsafebo.session.errors import ProtocolError, SessionError, StoppedError
 from hdsafebo.session.log.stops import PREFIX, pending, press
 from hdsafebo.session.log.store import Store, utc_now
 from hdsafebo.session.session import Session
@@ -111,6 +112,50 @@ def test_a_stop_with_spoilt_words_is_a_stop(make_session: Make) -> None:
         session.refresh()
         assert session.stopped == "stop (its words were damaged)"
         session.resume("ann")
+
+
+def test_a_pipe_in_the_place_of_a_stop_is_a_stop(make_session: Make) -> None:
+    session = make_session()
+    os.mkfifo(session.store.directory / f"{PREFIX}pipe")
+    assert pending(session.store.directory)[0].reason == "stop (its words were damaged)"
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EMFILE, errno.EIO])
+def test_nothing_starts_where_nobody_can_see_whether_a_stop_waits(
+    make_session: Make, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    session = make_session()
+    session.suggest("ann")
+    press(session.store.directory, "bob", "now", utc_now())
+
+    def unlistable(*arguments: object) -> list[str]:
+        raise OSError(number, os.strerror(number))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "listdir", unlistable)
+        for step in (
+            lambda: approve_open(session),
+            lambda: session.manual("ann", {"values": [0.5, 0.5, 0.0]}),
+            lambda: session.suggest("ann"),
+        ):
+            with pytest.raises(SessionError, match="whether the session was stopped cannot be seen"):
+                step()
+    assert [e.kind for e in session.entries] == ["created", "suggested"]
+    session.refresh()
+    assert session.stopped == "now"
+
+
+def test_a_backup_takes_a_stop_with_it_that_waits_for_the_log(make_session: Make, tmp_path: Path) -> None:
+    session = make_session()
+    with (session.store.directory / "lock").open("r+b") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert not session.stop("bob", "it hurts")
+        session.store.back_up(tmp_path / "backup")
+    copy = Session.open(tmp_path / "backup")
+    assert (copy.entries[-1].who, copy.stopped) == ("bob", "it hurts")
+    session.refresh()
+    assert copy.entries[-1].payload["pressed"] == session.entries[-1].payload["pressed"]
+    verify_session(copy)
 
 
 def test_a_full_disk_stops_none_the_less(make_session: Make, monkeypatch: pytest.MonkeyPatch) -> None:

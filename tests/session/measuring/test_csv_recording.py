@@ -207,3 +207,31 @@ def test_three_hundred_spoilt_files_are_read_or_refused(
         refusal = str(error)
     assert refusal.startswith("a.csv")
     assert np.isfinite(values).all()
+
+
+def test_carriage_returns_alone_are_refused_in_words() -> None:
+    with pytest.raises(RecordingError, match=r"a\.csv, line 1: no line of a table: .* carriage return"):
+        read_recording(table(newline="\r").encode(), "a.csv", EMG)
+
+
+@pytest.mark.parametrize(
+    ("header", "units", "column"),
+    [
+        ("time_s,left [uV],right [uV]", "s,mV,uV", "left"),
+        ("time_s,left,right (V)", "s,uV,mV", "right"),
+        ("time_s,left,right", "ms,uV,uV", "time_s"),
+        ("Time [ms],left,right", "s,uV,uV", "Time"),
+    ],
+)
+def test_two_units_of_one_column_are_refused(header: str, units: str, column: str) -> None:
+    """Values in mV that are read as uV are a thousand times too small, and below every other check."""
+    lines = table().splitlines()
+    with pytest.raises(RecordingError, match=f"line 2, column {column}: the unit is"):
+        read_recording("\n".join([header, units, *lines[1:]]).encode(), "a.csv", EMG)
+
+
+@pytest.mark.parametrize("units", ["sec,microvolts,µV", "S,UV,uV"])
+def test_one_unit_may_be_written_in_two_ways(units: str) -> None:
+    lines = table().splitlines()
+    content = "\n".join(["time_s,left [uV],right [μV]", units, *lines[1:]]).encode()
+    np.testing.assert_allclose(peak_to_peak(read_recording(content, "a.csv", EMG), EMG), SIZES_UV, rtol=1e-3)

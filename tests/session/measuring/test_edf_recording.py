@@ -280,3 +280,18 @@ def test_six_hundred_spoilt_files_are_read_or_refused(
         refusal = str(error)
     assert refusal.startswith("a.edf")
     assert np.isfinite(values).all()
+
+
+@pytest.mark.parametrize("bdf", [False, True])
+@pytest.mark.parametrize(
+    ("field", "values"),
+    [("physical", ("-6_000", "6000")), ("physical", ("-6000", "6_000")), ("range", ("-3_2768", "32767"))],
+)
+def test_ends_of_a_range_are_decimal_digits(bdf: bool, field: str, values: tuple[str, str]) -> None:
+    """Python reads 6_000 as 6000: one changed byte would be another amplitude."""
+    good = file(bdf=bdf)
+    spoilt = [replace(signal, **{field: values}) for signal in good.signals]
+    with pytest.raises(
+        RecordingError, match=rf"channel left: its {'digital' if field == 'range' else field} range"
+    ):
+        read_edf(replace(good, signals=spoilt).to_bytes(), "a.bdf" if bdf else "a.edf")

@@ -31,7 +31,9 @@ def identity_of(problem: Problem) -> dict[str, Any]:
     """Names and numbers of a problem, as plain data."""
     safety = [[s.name, s.threshold, s.modelled, s.transform is not None] for s in problem.safety]
     candidates = None if problem.candidates is None else len(problem.candidates)
-    return {"name": problem.name, "safety": safety, "candidates": candidates}
+    numbers = {"name": problem.name, "safety": safety, "candidates": candidates}
+    description = getattr(problem, "description", None)
+    return numbers if description is None else numbers | {"description": description}
 
 
 def evidence_of(problem: Problem, trials: Trials) -> dict[str, NDArray[Any]]:
@@ -56,6 +58,8 @@ def check_identity(path: Path, saved: dict[str, Any], problem: Problem) -> None:
         StateFileError: names what differs.
     """
     for key, value in identity_of(problem).items():
+        if key == "description" and key not in saved:
+            continue  # a state that was saved before problems had one
         if saved.get(key) != value:
             raise StateFileError(f"{path}: {key} of the problem was {saved.get(key)!r}; expected {value!r}")
 

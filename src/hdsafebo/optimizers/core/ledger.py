@@ -95,9 +95,11 @@ class Ledger:
             Numbers of the rounds that have all their results now and had not before, in order.
 
         Raises:
-            TrialError: a result or an input that differs from the one already recorded, which stays.
+            TrialError: a result, an input or a noise that differs from the one already recorded, which stays,
+                or from another one of the same trial in this call.
         """
         fresh = self.trials.status[ids] == Status.PENDING
+        self._check_said_once(ids, fresh, noise, run)
         updated = self._filled(ids, results)
         if run is not None:
             updated = self._amended(updated, ids, fresh, run)
@@ -150,6 +152,26 @@ class Ledger:
         """Names and thresholds for messages."""
         functions = zip(self._names, self._thresholds, self._binding, strict=True)
         return ", ".join(f"{name} >= {h:g}" for name, h, binding in functions if binding)
+
+    def _check_said_once(
+        self, ids: IntArray, fresh: NDArray[np.bool_], noise: FloatArray | None, run: Trials | None
+    ) -> None:
+        """TrialError where inputs or noise of one trial are given in two ways; results: see `_filled`."""
+        _, first, where = np.unique(ids, return_index=True, return_inverse=True)
+        same = first[where]
+        if run is not None and not np.array_equal(run.x, run.x[same]):
+            raise TrialError("one trial is told twice in this call, with different x")
+        if noise is None:
+            return
+        if not np.array_equal(noise, noise[same], equal_nan=True):
+            raise TrialError("one trial is told twice in this call, with different noise")
+        told = ids[~fresh]
+        other = ~np.isnan(noise[~fresh]) & (noise[~fresh] != self.trials.noise[told])
+        if other.any():
+            changed = told[other.any(axis=1)]
+            raise TrialError(
+                f"trials {changed.tolist()[:10]} were told before with another noise; the first result stays"
+            )
 
     def _amended(self, trials: Trials, ids: IntArray, fresh: NDArray[np.bool_], run: Trials) -> Trials:
         """Trials with the inputs of `run`, and what was believed of those, where results are fresh."""

@@ -15,6 +15,7 @@ from safetensors.numpy import load, save
 
 from hdsafebo.errors import StateFileError
 from hdsafebo.files.atomic import WriteError, replacing
+from hdsafebo.files.bounded import read_bounded
 
 FORMAT = 2
 _MAX_BYTES = 4 << 30
@@ -53,12 +54,7 @@ def read_state(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     Raises:
         StateFileError: the file is missing, damaged in a single bit even, too large or of another format.
     """
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise StateFileError(f"{path}: {path.stat().st_size} bytes; expected at most {_MAX_BYTES}")
-        content = bytearray(path.read_bytes())
-    except OSError as error:
-        raise StateFileError(f"{path}: cannot be read: {error}") from error
+    content = bytearray(read_bounded(path, _MAX_BYTES, StateFileError))
     try:
         arrays = load(bytes(content))
         text = _header(content)["__metadata__"]["state"]

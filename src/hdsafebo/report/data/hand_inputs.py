@@ -11,6 +11,7 @@ from pyarrow import ArrowException
 from pydantic import BaseModel, ConfigDict
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.files.bounded import require_regular
 from hdsafebo.report.data.json_files import read_model
 
 DIFFICULTY = "data/synergies/random_policies.json"
@@ -120,6 +121,7 @@ def _named(path: Path) -> tuple[str, str]:
 
 def _outcomes(path: Path) -> pd.DataFrame | None:
     try:
+        require_regular(path)
         with pq.ParquetFile(path) as file:
             if not set(_COLUMNS) <= set(file.schema_arrow.names):
                 return None

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from hdsafebo.files.atomic import replacing
+from hdsafebo.files.bounded import open_regular
 from hdsafebo.files.durable import make_durable_directory
 from hdsafebo.session.errors import AuditError
 
@@ -71,7 +72,7 @@ class Attachments:
 def _read(path: Path) -> bytes | None:
     """Content of a file; None when it is missing, unreadable or larger than any attachment."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             content = file.read(MAX_BYTES + 1)
     except OSError:
         return None

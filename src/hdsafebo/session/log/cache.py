@@ -11,8 +11,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from hdsafebo.files.atomic import WriteError, replacing
+from hdsafebo.files.bounded import read_bounded
+from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.chain import Entry
 
+_MAX_BYTES = 2**30
 _SIGNATURE, _HASH, _LENGTH = 32, 64, 8
 
 
@@ -35,8 +38,8 @@ class Cache:
     def read(self) -> tuple[str, bytes, bytes] | None:
         """Hash of the entry, state before and after it; None when missing or damaged."""
         try:
-            content = self._path.read_bytes()
-        except OSError:
+            content = read_bounded(self._path, _MAX_BYTES, SessionError)
+        except SessionError:
             return None
         signature, body = content[:_SIGNATURE], content[_SIGNATURE:]
         if hashlib.sha256(body).digest() != signature:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hdsafebo.files.bounded import open_regular
 from hdsafebo.session.errors import AuditError
 from hdsafebo.session.log.payloads import KINDS, check_payload
 
@@ -146,7 +147,7 @@ def rows(path: Path, start: int = 0) -> Iterator[bytes]:
         AuditError: the file is larger than any log.
         OSError: it cannot be read.
     """
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if size > MAX_LOG_BYTES:
             raise AuditError(f"{path}: {size} bytes, expected at most {MAX_LOG_BYTES}")

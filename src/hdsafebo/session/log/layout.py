@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from hdsafebo.files.atomic import WriteError, replacing
-from hdsafebo.files.durable import make_durable_directory
+from hdsafebo.files.durable import append_durably, make_durable_directory
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.attachments import Attachments
 from hdsafebo.session.log.chain import Entry, write_rows
+from hdsafebo.session.log.stops import Stop, hand_on
 
 ORIGINAL, COPY, LOG, FILES, LOCK = "original", "copy", "audit.log", "files", "lock"
 
@@ -35,8 +38,16 @@ def referenced(entries: Sequence[Entry]) -> list[str]:
     return list(dict.fromkeys(digests))
 
 
-def write_session(root: Path, entries: list[Entry], files: Iterable[bytes]) -> None:
+def write_session(
+    root: Path, entries: list[Entry], files: Iterable[bytes], stops: Sequence[Stop] = ()
+) -> None:
     """Write a log and its files into a directory; the original log comes last and makes it a session.
+
+    Args:
+        root: the directory.
+        entries: of the log.
+        files: contents that the entries refer to.
+        stops: that wait for their place in the log.
 
     Raises:
         SessionError: the directory cannot be written.
@@ -45,6 +56,7 @@ def write_session(root: Path, entries: list[Entry], files: Iterable[bytes]) -> N
         attachments = attachments_of(root)
         for content in files:
             attachments.add(content)
+        hand_on(stops, root)
         for path in reversed(log_paths(root)):
             replace_log(path, write_rows(entries), keep=False)
     except (OSError, WriteError) as error:
@@ -63,3 +75,28 @@ def replace_log(path: Path, content: bytes, *, keep: bool) -> None:
         path.rename(path.with_name(f"{path.name}.damaged-{number}"))
     with replacing(path) as temporary:
         temporary.write_bytes(content)
+
+
+def append_to_all(paths: Sequence[Path], end: int, row: bytes) -> None:
+    """Append a row to every file, or to none of them.
+
+    Raises:
+        OSError: a file is gone or cannot be written.
+    """
+    files: list[int] = []
+    try:
+        files += [os.open(path, os.O_RDWR | os.O_CLOEXEC) for path in paths]
+        try:
+            for file in files:
+                append_durably(file, end, row)
+            for path, file in zip(paths, files, strict=True):
+                if not os.path.samestat(path.stat(), os.fstat(file)):  # deleted and made anew meanwhile
+                    raise FileNotFoundError(2, "was replaced", str(path))
+        except OSError:
+            for file in files:
+                with suppress(OSError):
+                    os.ftruncate(file, end)
+            raise
+    finally:
+        for file in files:
+            os.close(file)

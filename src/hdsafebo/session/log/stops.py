@@ -12,11 +12,15 @@ import hashlib
 import json
 import os
 import secrets
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from hdsafebo.files.atomic import replacing
+from hdsafebo.files.bounded import open_regular
+from hdsafebo.files.durable import make_durable_directory
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.words import LONGEST, LONGEST_NAME, trimmed_text
 
@@ -63,7 +67,6 @@ def press(directory: Path, who: object, reason: object, time: datetime) -> Stop:
         "time": time.isoformat(timespec="milliseconds"),
     }
     path = directory / f"{PREFIX}{time:%Y%m%dT%H%M%S}-{secrets.token_hex(8)}"
-    text = json.dumps(words, ensure_ascii=False).encode("utf-8", "replace")
     try:
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
     except OSError as error:
@@ -73,7 +76,7 @@ def press(directory: Path, who: object, reason: object, time: datetime) -> Stop:
         ) from None
     try:
         with suppress(OSError):  # a full disk: the file itself is the stop, its words are not needed
-            os.write(file, hashlib.sha256(text).hexdigest().encode() + b" " + text)
+            os.write(file, _kept(**words))
             os.fsync(file)
     finally:
         os.close(file)
@@ -81,18 +84,44 @@ def press(directory: Path, who: object, reason: object, time: datetime) -> Stop:
 
 
 def pending(directory: Path) -> list[Stop]:
-    """Stops that no log holds yet, the oldest first."""
+    """Stops that no log holds yet, the oldest first.
+
+    Raises:
+        SessionError: the directory cannot be listed, so that nobody knows whether a stop waits.
+    """
     try:
         names = sorted(name for name in os.listdir(directory) if name.startswith(PREFIX))
-    except OSError:
-        return []
+    except OSError as error:
+        raise SessionError(
+            f"{directory}: whether the session was stopped cannot be seen ({error.strerror}), so that no "
+            "trial may start"
+        ) from None
     return [_read(directory / name) for name in names]
+
+
+def hand_on(stops: Sequence[Stop], directory: Path) -> None:
+    """Let stops wait in another directory, too, under the names that tell them from all others.
+
+    Raises:
+        OSError, WriteError: it cannot be written.
+    """
+    make_durable_directory(directory)
+    for stop in stops:
+        with replacing(directory / stop.token) as temporary:
+            temporary.write_bytes(_kept(stop.who, stop.reason, stop.time))
+
+
+def _kept(who: str, reason: str, time: str) -> bytes:
+    """The words of a stop as its file holds them."""
+    words = {"who": who, "reason": reason, "time": time}
+    text = json.dumps(words, ensure_ascii=False).encode("utf-8", "replace")
+    return hashlib.sha256(text).hexdigest().encode() + b" " + text
 
 
 def _read(path: Path) -> Stop:
     """A stop, whatever its file holds."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             digest, _, text = file.read(4 * (LONGEST + LONGEST_NAME) + 1000).partition(b" ")
         if hashlib.sha256(text).hexdigest().encode() != digest:
             raise ValueError("damaged")

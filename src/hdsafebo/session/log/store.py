@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from hdsafebo.files.atomic import WriteError, sync_directory
-from hdsafebo.files.durable import append_durably, locked, make_durable_directory
+from hdsafebo.files.durable import locked, make_durable_directory
 from hdsafebo.session.errors import AuditError, ProtocolError, SessionError
 from hdsafebo.session.log.chain import (
     MAX_ENTRY_BYTES,
@@ -38,6 +38,7 @@ from hdsafebo.session.log.chain import (
 from hdsafebo.session.log.copies import Reading, read_copies
 from hdsafebo.session.log.layout import (
     LOCK,
+    append_to_all,
     attachments_of,
     log_paths,
     referenced,
@@ -216,7 +217,7 @@ class Store:
         return found
 
     def back_up(self, target: Path) -> Entry:
-        """Write all that is acknowledged now into a new directory; its last entry.
+        """Write all that is acknowledged now, and stops that wait, into a new directory; its last entry.
 
         Raises:
             SessionError: the target exists or cannot be written.
@@ -224,9 +225,10 @@ class Store:
         """
         if target.exists():
             raise SessionError(f"{target}: exists already; name a directory that does not")
+        stops = pending(self.directory)  # first: one that comes into the log meanwhile is in both
         with self._explained("read"):
             entries = self._steady().entries
-        write_session(target, entries, (self.attachments.content(d) for d in referenced(entries)))
+        write_session(target, entries, (self.attachments.content(d) for d in referenced(entries)), stops)
         return Store(target, self._clock, read_only=True).entries()[-1]
 
     # --- reading
@@ -323,7 +325,7 @@ class Store:
                 f"{self._logs[0]}: an entry of {len(row)} bytes, expected at most {MAX_ENTRY_BYTES}, and "
                 f"{MAX_LOG_BYTES} for the whole log; nothing was recorded"
             )
-        _append_to_all(self._logs, self._end, row)
+        append_to_all(self._logs, self._end, row)
         self._accept(entry, len(row))
 
     @contextmanager
@@ -355,35 +357,11 @@ class Store:
             ) from None
         except OSError as error:
             raise SessionError(
-                f"{self.directory}: cannot be {action}: {_explained(error)}; nothing was recorded"
+                f"{error.filename or self.directory}: cannot be {action}: {_explained(error)}; "
+                "nothing was recorded"
             ) from None
         except WriteError as error:
             raise SessionError(f"{error} (is the disk full?); nothing was recorded") from None
-
-
-def _append_to_all(paths: Sequence[Path], end: int, row: bytes) -> None:
-    """Append a row to every file, or to none of them.
-
-    Raises:
-        OSError: a file is gone or cannot be written.
-    """
-    files: list[int] = []
-    try:
-        files += [os.open(path, os.O_RDWR | os.O_CLOEXEC) for path in paths]
-        try:
-            for file in files:
-                append_durably(file, end, row)
-            for path, file in zip(paths, files, strict=True):
-                if not os.path.samestat(path.stat(), os.fstat(file)):  # deleted and made anew meanwhile
-                    raise FileNotFoundError(2, "was replaced", str(path))
-        except OSError:
-            for file in files:
-                with suppress(OSError):
-                    os.ftruncate(file, end)
-            raise
-    finally:
-        for file in files:
-            os.close(file)
 
 
 def _writable(directory: Path) -> bool:

@@ -13,7 +13,7 @@ import re
 from dataclasses import dataclass
 
 from hdsafebo.session.errors import RecordingError
-from hdsafebo.session.measuring.recording import MAX_CHANNELS, Annotation, known_unit
+from hdsafebo.session.measuring.recording import MAX_CHANNELS, Annotation, known_unit, microvolts
 from hdsafebo.session.words import parse_number
 
 TIME_COLUMN = "time_s"
@@ -80,19 +80,21 @@ def read_layout(content: bytes, name: str) -> CsvLayout:
         RecordingError: no header with one time column, or an annotation without a time.
     """
     text, after, line, labels, annotations = _comments(content, name)
-    delimiter = max(_DELIMITERS, key=lambda d: len(_cells(text, d)))
-    header = [_name_and_unit(cell) for cell in _cells(text, delimiter)]
+    where = f"{name}, line {line}"
+    delimiter = max(_DELIMITERS, key=lambda d: len(_cells(text, d, where)))
+    header = [_name_and_unit(cell) for cell in _cells(text, delimiter, where)]
     if len(header) > MAX_CHANNELS:
         raise RecordingError(f"{name}: {len(header)} columns, expected at most {MAX_CHANNELS}")
     names, units = [cell for cell, _ in header], [unit for _, unit in header]
     times = [(i, found) for i, cell in enumerate(names) if (found := _TIME.fullmatch(cell))]
     if len(times) != 1 or len(header) < 2:
-        raise RecordingError(f"{name}, line {line}: header is {text[:80]!r}, {_EXPECTED}")
+        raise RecordingError(f"{where}: header is {text[:80]!r}, {_EXPECTED}")
     time, found = times[0]
     units[time] = units[time] or found[1]
     below, after_units = _line(content, after, name)
-    row = [cell.strip("[]() ") for cell in _cells(below, delimiter)]
+    row = [cell.strip("[]() ") for cell in _cells(below, delimiter, f"{name}, line {line + 1}")]
     if len(row) == len(names) and _is_units(row, time):
+        _check_one_unit(names, units, row, f"{name}, line {line + 1}")
         units = [unit or cell or None for unit, cell in zip(units, row, strict=True)]
         after, line = after_units, line + 1
     return CsvLayout(
@@ -139,8 +141,21 @@ def _line(content: bytes, at: int, name: str) -> tuple[str, int]:
         raise RecordingError(f"{name}: no UTF-8 text: {error.reason} at byte {at + error.start}") from None
 
 
-def _cells(line: str, delimiter: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+def _cells(line: str, delimiter: str, where: str) -> list[str]:
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    except csv.Error:  # what the csv module says names modes of opening files
+        raise RecordingError(
+            f"{where}: no line of a table: it holds a carriage return without a line feed, or a cell of more "
+            f"than {csv.field_size_limit()} characters; expected lines that end in a line feed"
+        ) from None
+
+
+def _check_one_unit(names: list[str], units: list[str | None], row: list[str], where: str) -> None:
+    """RecordingError where the row of units says another one than the header: either may be the true one."""
+    for name, unit, cell in zip(names, units, row, strict=True):
+        if unit and cell and _meaning(unit) != _meaning(cell):
+            raise RecordingError(f"{where}, column {name}: the unit is {cell!r}, in the header {unit!r}")
 
 
 def _name_and_unit(cell: str) -> tuple[str, str | None]:
@@ -151,6 +166,12 @@ def _name_and_unit(cell: str) -> tuple[str, str | None]:
             if name and (known_unit(unit) or unit.strip().casefold() in _SECONDS):
                 return name.strip(), unit.strip()
     return cell, None
+
+
+def _meaning(unit: str) -> object:
+    """What tells units that are written in two ways from two units."""
+    second, volt = _SECONDS.get(unit.casefold()), microvolts(unit)
+    return ("s", second) if second is not None else ("uV", volt) if volt is not None else unit
 
 
 def _is_units(row: list[str], time: int) -> bool:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _FIXED, _PER_SIGNAL = 256, 256  # bytes of the header
 _LABEL_BYTES, _COUNT_BYTES = 16, 8
+_RANGES_AT = 104
 _COUNTS_AT = 216  # bytes per signal of the header fields before the samples per record
 _MAX_RECORDS = 100_000
 _WHOLE = re.compile(rb"\s*[+-]?\d+\s*")
@@ -197,6 +198,7 @@ def _channels(
         for i in read:
             signal = signals[plain.index(i)]
             if first == 0:
+                _check_range_fields(content, i, layout, name)
                 units[i] = _text(signal.physical_dimension.encode("latin-1"))
                 ranges[i] = _range(signal, f"{name}: channel {layout.labels[i]}")
             at = first * layout.counts[i]
@@ -226,6 +228,17 @@ def _blocks(content: bytes, name: str, layout: _Layout) -> Iterator[tuple[int, E
             yield first, read(part, header_encoding="latin-1")
         except (ValueError, IndexError, OverflowError) as error:
             raise RecordingError(f"{name}: no valid file: {' '.join(str(error).split())[:200]}") from None
+
+
+def _check_range_fields(content: bytes, signal: int, layout: _Layout, name: str) -> None:
+    """Ends of the ranges are written in decimal digits; edfio reads them as Python does, and 1_0 as 10."""
+    for number, what in enumerate(("physical", "physical", "digital", "digital")):
+        field = list(_fields(content, _RANGES_AT + 8 * number, 8, len(layout.labels)))[signal]
+        if not _DECIMAL.fullmatch(field):
+            raise RecordingError(
+                f"{name}: channel {layout.labels[signal]}: its {what} range cannot be read: "
+                f"{_text(field)!r} is no number"
+            )
 
 
 def _range(signal: EdfSignal | BdfSignal, where: str) -> tuple[float, float]:

@@ -86,7 +86,12 @@ class Recording:
 
 def known_unit(text: str) -> bool:
     """Whether a text is a unit of voltage that can be converted."""
-    return _folded(text) in _IN_MICROVOLTS
+    return microvolts(text) is not None
+
+
+def microvolts(unit: str) -> float | None:
+    """A unit of voltage in uV; None for anything else."""
+    return _IN_MICROVOLTS.get(_folded(unit))
 
 
 def in_microvolts(channel: Channel, source: str) -> Channel:
@@ -95,7 +100,7 @@ def in_microvolts(channel: Channel, source: str) -> Channel:
     Raises:
         RecordingError: its unit is none of voltage.
     """
-    factor = _IN_MICROVOLTS.get(_folded(channel.unit))
+    factor = microvolts(channel.unit)
     if factor is None:
         raise RecordingError(
             f"{source}: channel {channel.name}: unit {channel.unit.strip()!r}, expected uV, mV or V"

@@ -25,7 +25,8 @@ from hdsafebo.session.spaces.space import (
 from hdsafebo.session.words import parse_assignments
 from hdsafebo.typing import FloatArray
 
-_ROUNDING = 1e-9  # relative to an input's range
+_ROUNDING = 1e-9  # relative to the width of what is permitted: a step of 0.7 + 0.1 must not miss 0.8
+_LAST_DIGITS = 8 * np.finfo(float).eps  # relative to the largest number that a point is calculated from
 
 
 class GenericSpace(Space):
@@ -86,13 +87,13 @@ class GenericSpace(Space):
     def permitted(self, values: FloatArray, last: Point | None) -> Any:
         """(n,) True where (n, D) inputs are within every limit."""
         low, high = self.reach(last)
-        slack = _ROUNDING * (self.upper - self.lower)
+        slack = self._slack(low, high)
         return ((values >= low - slack) & (values <= high + slack)).all(axis=1)
 
     def breaches(self, point: Point, last: Point | None) -> list[str]:
         """Hard limits exceeded; see `Space.breaches`."""
         low, high = self.reach(last)
-        slack = _ROUNDING * (self.upper - self.lower)
+        slack = self._slack(low, high)
         foreign = self.rows is not None and tuple(point["values"]) not in self.rows
         return [f"it is none of the {len(self.rows or ())} rows of the list"] * foreign + [
             f"{name} is {value:g}, permitted now {a:g} to {b:g}"
@@ -187,6 +188,14 @@ class GenericSpace(Space):
                 }
             )
         return trials
+
+    def _slack(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """(D,) by how much rounding may pass the ends of what is permitted now.
+
+        It does not grow with the range an input once had: a step or a tightened limit may be far smaller.
+        """
+        largest = np.maximum(np.abs(self.lower), np.abs(self.upper))
+        return np.asarray(_ROUNDING * np.maximum(high - low, 0.0) + _LAST_DIGITS * largest)
 
     def _split(self, values: Mapping[str, float]) -> Measured:
         """Safety values are needed; outcomes are all there or all missing (a trial without a result)."""
