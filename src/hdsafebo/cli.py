@@ -77,7 +77,8 @@ def _parser() -> argparse.ArgumentParser:
     departures.set_defaults(run=_departures)
 
     keep = commands.add_parser(
-        "keep-reference", help="keep the evidence of all runs in reports/reference, and its report"
+        "keep-reference",
+        help="keep the evidence of the runs made so far in reports/reference, and its report",
     )
     keep.set_defaults(run=_keep_reference)
     return parser
@@ -137,7 +138,10 @@ def _mlflow(arguments: argparse.Namespace) -> None:
 def _keep_reference(arguments: argparse.Namespace) -> None:
     from hdsafebo.report.reference import keep_reference
 
-    print(f"kept in {keep_reference(arguments.root)}")
+    folder, missing = keep_reference(arguments.root)
+    print(f"kept in {folder}")
+    if missing:
+        print(f"not run yet, and said so in the report: {', '.join(missing)}")
 
 
 if __name__ == "__main__":

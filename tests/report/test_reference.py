@@ -17,7 +17,7 @@ from hdsafebo.params import load_params
 from hdsafebo.pipeline.profiles import profile_text
 from hdsafebo.pipeline.stage import COSTS_FILE
 from hdsafebo.report.build import build_report
-from hdsafebo.report.data.evidence import rounded
+from hdsafebo.report.data.evidence import keep_evidence, rounded
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.report.data.results import Uncertainty
 from hdsafebo.report.headline import _claims
@@ -25,6 +25,7 @@ from hdsafebo.report.marked import write_marked
 from hdsafebo.report.reference import COSTS, keep_reference, report_from
 from hdsafebo.report.results_page import NO_RUN, claims_markdown, runs_markdown
 from hdsafebo.runs.read import read_run
+from hdsafebo.runs.schema import run_name
 from report.full_size import write_inputs
 from report.run_files import random_runs
 
@@ -129,12 +130,29 @@ def test_costs_are_the_last_of_the_profile(project: Path) -> None:
     assert COSTS == COSTS_FILE
 
 
-def test_a_missing_run_is_named(project: Path, tmp_path: Path) -> None:
+def test_runs_are_kept_one_after_another(project: Path, tmp_path: Path) -> None:
+    """What is not here stays as it was kept before; what nobody has made is named."""
+    runs, folder = tmp_path / "data/runs", tmp_path / "kept"
     shutil.copytree(project / "data", tmp_path / "data")
     shutil.copyfile(project / "params.yaml", tmp_path / "params.yaml")
-    (tmp_path / "data/runs/hand-sobol.parquet").unlink()
-    with pytest.raises(DatasetError, match=r"hand-sobol missing; run the pipeline"):
-        keep_reference(tmp_path)
+    (runs / "hand-sobol.parquet").rename(tmp_path / "later")
+    assert keep_evidence(tmp_path, folder) == ["hand-sobol"]
+    assert not (folder / "runs/hand-sobol.parquet").exists()
+    shutil.rmtree(runs)
+    runs.mkdir()
+    (tmp_path / "later").rename(runs / "hand-sobol.parquet")
+    assert keep_evidence(tmp_path, folder) == []
+    planned = {run_name(*run) for run in planned_runs(load_params(project / "params.yaml"))}
+    assert {path.stem for path in (folder / "runs").iterdir()} == planned
+    provenance = json.loads((folder / "provenance.json").read_text())["runs"]
+    assert set(provenance) == planned
+    assert all(len(run["source_sha256"]) == 64 for run in provenance.values())
+    inputs = sorted(path.name for path in (folder / "inputs").rglob("*") if path.is_file())
+    shutil.rmtree(tmp_path / "data")
+    assert keep_evidence(tmp_path, folder) == []
+    assert sorted(path.name for path in (folder / "inputs").rglob("*") if path.is_file()) == inputs
+    with pytest.raises(DatasetError, match=r"no run of params.yaml; run the pipeline"):
+        keep_evidence(tmp_path, tmp_path / "elsewhere")
 
 
 def test_a_folder_without_evidence_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,6 +12,7 @@ from hdsafebo.files.atomic import write_json
 from hdsafebo.params import load_params
 from hdsafebo.report.build import build_report
 from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS, keep_evidence, read_provenance
+from hdsafebo.report.data.json_files import read_json
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.report.data.results import Uncertainty
 from hdsafebo.report.published import publish
@@ -20,29 +21,30 @@ COSTS = ".journal/stage_costs.jsonl"
 REBUILT = ("tables", "curves", "figures")
 
 
-def keep_reference(root: Path) -> Path:
+def keep_reference(root: Path) -> tuple[Path, list[str]]:
     """Keep the evidence of the project's runs; write its report, and the results in README.md and docs/.
 
-    The costs of the stages are kept beside it.
+    The costs of the stages are kept beside it. The report says of what is missing that it was not run.
 
     Args:
-        root: the project's directory, in which the pipeline has finished.
+        root: the project's directory, in which the pipeline has run.
 
     Returns:
-        The folder of the reference.
+        The folder of the reference, and the names of the runs that the parameters name and nobody has made.
 
     Raises:
-        DatasetError: a run of the parameters is missing or malformed; the message names it.
+        DatasetError: there is no run, or one is malformed; the message names it.
     """
     folder = root / "reports" / "reference"
-    keep_evidence(root, folder)
+    missing = keep_evidence(root, folder)
     for name in REBUILT:
         shutil.rmtree(folder / name, ignore_errors=True)
     report_from(folder, folder)
     publish(root)
-    costs = stage_costs(root / COSTS, load_params(folder / PARAMS).profile)
-    write_json(folder / "stage_costs.json", costs, DatasetError)
-    return folder
+    costs = folder / "stage_costs.json"
+    profile = load_params(folder / PARAMS).profile
+    write_json(costs, stage_costs(root / COSTS, profile, read_json(costs) or []), DatasetError)
+    return folder, missing
 
 
 def report_from(evidence: Path, output: Path) -> dict[str, Any]:
@@ -76,11 +78,17 @@ def report_from(evidence: Path, output: Path) -> dict[str, Any]:
     )
 
 
-def stage_costs(path: Path, profile: str) -> list[dict[str, object]]:
-    """The last cost of every stage item under a profile, in the order in which the items first ran."""
-    latest: dict[tuple[str, ...], dict[str, object]] = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
-        cost = json.loads(line)
+def stage_costs(path: Path, profile: str, kept: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The last cost of every stage item under a profile, in the order in which the items first ran.
+
+    Args:
+        path: of the costs, one per line, as stages write them.
+        profile: of the runs.
+        kept: costs from before, perhaps of another machine.
+    """
+    latest: dict[tuple[str, ...], dict[str, Any]] = {}
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    for cost in [*kept, *map(json.loads, lines)]:
         if cost["profile"] == profile:
             latest[(cost["stage"], *cost["item"])] = cost
     return list(latest.values())

@@ -53,33 +53,39 @@ _UNUSED = ("candidate",)
 _FURTHER_COLUMNS = ("safety_no_drop", "safety_upright", "safety_joint_load")
 
 
-def keep_evidence(root: Path, folder: Path) -> None:
+def keep_evidence(root: Path, folder: Path) -> list[str]:
     """Write the evidence of the runs that the parameters of a project name.
 
+    Runs of days may be kept one after another, on one machine or several: what is not here stays as it was
+    kept before.
+
     Args:
-        root: the project's directory, in which the pipeline has finished.
+        root: the project's directory, in which the pipeline has run.
         folder: of the evidence; a file there that is up to date keeps its provenance.
 
+    Returns:
+        Names of the runs that are neither here nor kept.
+
     Raises:
-        DatasetError: a run file is missing or malformed, or the disk cannot be written.
+        DatasetError: no run file is there, one is malformed, or the disk cannot be written.
     """
     params = load_params(root / PARAMS)
     names = [run_name(task, method) for task, method in planned_runs(params)]
-    missing = [name for name in names if not (root / "data/runs" / f"{name}.parquet").is_file()]
-    if missing:
-        raise DatasetError(
-            f"{root / 'data/runs'}: {', '.join(missing)} missing; run the pipeline first (dvc repro)"
-        )
+    here_or_kept = [folder / RUNS, root / "data/runs"]
+    missing = [n for n in names if not any((place / f"{n}.parquet").is_file() for place in here_or_kept)]
+    if missing == names:
+        raise DatasetError(f"{root / 'data/runs'}: no run of {PARAMS}; run the pipeline first (dvc repro)")
     before = read_provenance(folder).get("runs", {})
     here = _here(root)
     runs: dict[str, Any] = {}
-    for name in names:
+    for name in sorted(set(names) - set(missing), key=names.index):
         source, target = root / "data/runs" / f"{name}.parquet", folder / RUNS / f"{name}.parquet"
-        digest = digest_file(source)
         known = before.get(name, {})
-        if known.get("source_sha256") != digest or not target.is_file():
-            compact(source, target)
-            known = here | {"source_sha256": digest}
+        if source.is_file():
+            digest = digest_file(source)
+            if known.get("source_sha256") != digest or not target.is_file():
+                compact(source, target)
+                known = here | {"source_sha256": digest}
         meta = read_run(target).meta
         runs[name] = known | {"seeds": meta.seeds, "trials": meta.n_trials, "profile": meta.profile}
     for path in sorted((folder / RUNS).glob("*.parquet")):
@@ -88,6 +94,7 @@ def keep_evidence(root: Path, folder: Path) -> None:
     _copy_inputs(root, folder / INPUTS)
     shutil.copyfile(root / PARAMS, folder / PARAMS)
     write_json(folder / PROVENANCE, here | {"profile": params.profile, "runs": runs}, DatasetError)
+    return missing
 
 
 def read_provenance(folder: Path) -> dict[str, Any]:
@@ -140,7 +147,10 @@ def rounded(values: FloatArray) -> np.ndarray:
 
 
 def _copy_inputs(root: Path, folder: Path) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
+    """Copy what is here; pictures of a folder replace those that were kept of it."""
+    for name in PICTURES:
+        if (root / name).is_dir():
+            shutil.rmtree(folder / name, ignore_errors=True)
     pictures = [path for name in PICTURES for path in sorted((root / name).glob("*.png"))]
     for source in [*(root / name for name in FILES), *pictures]:
         if source.is_file():
