@@ -13,7 +13,7 @@ from tests.docs.blocks import ALL, PAGES, Block, of
 from tests.docs.shell import Refused, check
 from tools.docs import tutorials
 
-LANGUAGES = {"python", "sh", "yaml", "text", "bibtex"}
+LANGUAGES = {"python", "sh", "yaml", "text"}
 PYTHON = sorted({block.page for block in of("python")})
 SHELL = sorted({block.page for block in of("sh")})
 ELSEWHERE = ("docs/examples.md", "docs/tutorials/")
