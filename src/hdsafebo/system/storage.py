@@ -8,6 +8,7 @@ lock          held while a step is taken, so that several processes take turns
 from __future__ import annotations
 
 import fcntl
+import filecmp
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -16,6 +17,7 @@ from dataclasses import asdict, dataclass
 from hashlib import sha256
 from numbers import Integral
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from pydantic import BaseModel
@@ -90,7 +92,8 @@ class Folder:
             save: writes the state of an optimiser that knows nothing yet.
 
         Raises:
-            StudyError: the path is something else than a study's folder.
+            StudyError: the path is something else than a study's folder, or that of a study that lost its
+                description.
             WriteError: it cannot be written.
         """
         if self.path.exists() and not self.path.is_dir():
@@ -111,8 +114,23 @@ class Folder:
             raise WriteError(f"{self.path}: cannot be made: {error.strerror or error}") from None
         with self.locked():
             if not self.exists:
+                self._require_nothing_told(save)
                 save(self.state)
                 write_json(self.path / _SYSTEM, data)  # last: it makes the folder a study
+
+    def _require_nothing_told(self, save: Callable[[Path], None]) -> None:
+        """Raise StudyError when a state without a description is other than that of a beginning cut short."""
+        if not self.begun:
+            return
+        with TemporaryDirectory() as folder:
+            beginning = Path(folder) / _STATE
+            save(beginning)
+            if filecmp.cmp(beginning, self.state, shallow=False):
+                return
+        raise StudyError(
+            f"{self.path / _SYSTEM}: is missing, and the state beside it is of another study or of one that "
+            f"was told something; restore the description from a copy, or remove {self.state} to begin anew"
+        )
 
     def read(self) -> tuple[System, Plan]:
         """What the study was begun with.
