@@ -12,7 +12,7 @@ import filecmp
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from numbers import Integral
@@ -98,11 +98,8 @@ class Folder:
         """
         if self.path.exists() and not self.path.is_dir():
             raise StudyError(f"{self.path}: is a file; expected the folder of a study, or nothing yet")
-        if (
-            self.path.is_dir()
-            and not self.exists
-            and any(p.name not in (_LOCK, _STATE) for p in self.path.iterdir())
-        ):
+        left = {_LOCK, _STATE, *(p.name for p in self._unfinished())}
+        if self.path.is_dir() and not self.exists and {p.name for p in self.path.iterdir()} - left:
             raise StudyError(
                 f"{self.path}: is a folder with other files; expected that of a study, or nothing yet"
             )
@@ -117,6 +114,17 @@ class Folder:
                 self._require_nothing_told(save)
                 save(self.state)
                 write_json(self.path / _SYSTEM, data)  # last: it makes the folder a study
+
+    def clean(self) -> None:
+        """Remove what processes left that were killed while they wrote; needs the lock."""
+        for path in self._unfinished():
+            with suppress(OSError):
+                path.unlink()
+
+    def _unfinished(self) -> list[Path]:
+        """Files under the names that `files.atomic` gives until they are complete."""
+        names = _STATE, Path(_SYSTEM).stem
+        return [path for name in names for path in self.path.glob(f".{name}.[0-9]*-????????*")]
 
     def _require_nothing_told(self, save: Callable[[Path], None]) -> None:
         """Raise StudyError when a state without a description is other than that of a beginning cut short."""
