@@ -93,9 +93,11 @@ def _profile(arguments: argparse.Namespace) -> None:
 
 def _check_params(arguments: argparse.Namespace) -> None:
     from hdsafebo.pipeline.checked_params import load_checked_params
+    from hdsafebo.pipeline.checked_settings import check_settings
 
     path = arguments.file or arguments.root / "params.yaml"
     params = load_checked_params(path)
+    check_settings(params, str(path))
     print(f"{path}: valid, profile {params.profile}")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from report.run_files import trial_table, write_run
+from report.run_files import NO_FAULTS, trial_table, write_run
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.runs.read import read_run, read_runs
@@ -47,7 +47,12 @@ def test_no_folder_is_no_runs(tmp_path: Path) -> None:
         (lambda t: t.assign(violation=-t["violation"].abs() - 1), "negative violations"),
         (lambda t: t.assign(safe=True), "safe trials with a violation"),
         (lambda t: t.assign(predicted_safe_probability=1.5), r"outside \[0, 1\]"),
-        (lambda t: t.assign(method_seconds=-1.0), "negative times"),
+        (lambda t: t.assign(method_seconds=-1.0), "negative or infinite times"),
+        (lambda t: t.assign(evaluate_seconds=float("nan")), "negative or infinite times"),
+        (lambda t: t.drop(index=0), "trials other than 0, 1, 2"),
+        (lambda t: t.drop(index=1), "trials other than 0, 1, 2"),
+        (lambda t: t.assign(trial=t["trial"] + 100), "trials other than 0, 1, 2"),
+        (lambda t: t.assign(trial=t["trial"] - 1), "trials other than 0, 1, 2"),
         (lambda t: t.assign(initial=True), "initial trials outside round 0"),
         (lambda t: t.assign(objective="much"), "wrong type"),
     ],
@@ -64,6 +69,13 @@ def test_malformed_rows_are_refused(
 def test_seeds_must_be_those_of_the_metadata(tmp_path: Path) -> None:
     path = write_run(tmp_path, "toy", "sobol", [one_run()], n_initial=2, batch=2, seeds=[3, 4])
     with pytest.raises(DatasetError, match="seeds other than"):
+        read_run(path)
+
+
+def test_seeds_must_differ(tmp_path: Path) -> None:
+    twice = {"seeds": [3, 3], "counts": [NO_FAULTS] * 2}
+    path = write_run(tmp_path, "toy", "sobol", [one_run()], n_initial=2, batch=2, **twice)
+    with pytest.raises(DatasetError, match="some twice"):
         read_run(path)
 
 

@@ -213,6 +213,57 @@ def test_a_study_that_lost_its_state_does_not_begin_anew(tmp_path: Path, still_o
         study.observe(box_starts()) if still_open else Study.open(tmp_path / "s")
 
 
+@pytest.mark.parametrize("state", ["told", "of another system", "no state at all"])
+def test_a_study_that_lost_its_description_does_not_begin_anew(tmp_path: Path, state: str) -> None:
+    folder = tmp_path / "s"
+    if state == "told":
+        begun(folder)
+    else:
+        Study.open(folder, box_system(limits=[Limit("load", at_most=9)]), alpha=0.95, seed=1)
+    (folder / "system.json").unlink()
+    if state == "no state at all":
+        (folder / "state").write_bytes(b"somebody's notes")
+    kept = (folder / "state").read_bytes()
+    with pytest.raises(StudyError, match=r"system\.json: is missing, and the state beside it"):
+        Study.open(folder, box_system(), alpha=0.95, seed=1)
+    assert (folder / "state").read_bytes() == kept
+
+
+_KILLED_AT_A_FILE = """
+import os, sys
+from pathlib import Path
+from system.small import box_starts, box_system
+from hdsafebo import Study
+replace, left = Path.replace, int(sys.argv[2])
+def killed(*arguments):
+    global left
+    left -= 1
+    return os._exit(9) if left < 0 else replace(*arguments)
+Path.replace = killed
+study = Study.open(sys.argv[1], box_system(), alpha=0.95, seed=1)
+study.observe(box_starts())
+"""
+
+
+@pytest.mark.parametrize("files", [0, 1, 2])
+def test_killed_at_any_file_a_study_goes_on_and_nothing_is_left(
+    tmp_path: Path, project_root: Path, files: int
+) -> None:
+    folder = tmp_path / "s"
+    environment = os.environ | {"PYTHONPATH": f"{project_root / 'src'}:{project_root / 'tests'}"}
+    command = [sys.executable, "-c", _KILLED_AT_A_FILE, str(folder), str(files)]
+    assert subprocess.run(command, env=environment, check=False).returncode == 9
+    assert any(p.name.startswith(".") for p in folder.iterdir()), "the process was killed before it wrote"
+    assert len(begun(folder)) == 8
+    assert {p.name for p in folder.iterdir()} == {"lock", "state", "system.json"}
+
+
+def test_a_beginning_that_was_cut_short_is_begun_again(tmp_path: Path) -> None:
+    Study.open(tmp_path / "s", box_system(), alpha=0.95, seed=1)
+    (tmp_path / "s" / "system.json").unlink()  # it is written last
+    assert len(begun(tmp_path / "s")) == 8
+
+
 def test_a_study_of_the_former_format_goes_on(tmp_path: Path) -> None:
     """Its description has no digest, and nothing was saved before the first step."""
     Study.open(tmp_path / "s", box_system(), alpha=0.95, seed=1)

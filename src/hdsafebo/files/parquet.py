@@ -63,7 +63,7 @@ def read_parquet(
             column = _written_out(table[text], f"{name}: column {text}", error, max_bytes)
             table = table.set_column(table.column_names.index(text), text, column)
         return table
-    except (OSError, pa.ArrowException) as fault:
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as fault:  # the last: names that are no UTF-8
         reason = " ".join(str(fault).split())[:300]
         raise error(f"{name}: cannot be read as parquet: {reason}") from fault
 

@@ -109,6 +109,7 @@ def _check(path: Path, meta: RunMetadata, frame: pd.DataFrame) -> None:
     unknown = set(frame["status"].unique()) - set(STATUS_NAMES.values())
     done = frame[frame["status"] == "completed"]
     probability = frame["predicted_safe_probability"].dropna()
+    times = frame[list(TIMES)].to_numpy()
     faults = {
         "no rows": frame.empty,
         "trials that appear twice": bool(repeated.any()),
@@ -119,11 +120,19 @@ def _check(path: Path, meta: RunMetadata, frame: pd.DataFrame) -> None:
         "negative violations": bool((done["violation"] < 0).any()),
         "safe trials with a violation": bool((done["safe"] & (done["violation"] > 0)).any()),
         "safe probabilities outside [0, 1]": bool(((probability < 0) | (probability > 1)).any()),
-        "negative times": bool((frame[list(TIMES)] < 0).any().any()),
+        "negative or infinite times": not np.isfinite(times).all() or bool((times < 0).any()),
+        "trials other than 0, 1, 2, ... of a seed": not _numbered(frame),
         "initial trials outside round 0": bool((frame["initial"] != (frame["round"] == 0)).any()),
+        f"seeds {meta.seeds}, some twice": len(set(meta.seeds)) < len(meta.seeds),
         f"counts of {len(meta.counts)} runs, expected one per seed": len(meta.counts) != len(meta.seeds),
         f"seeds other than those of the metadata {meta.seeds}": set(frame["seed"]) != set(meta.seeds),
     }
     found = [name for name, is_fault in faults.items() if is_fault]
     if found:
         raise DatasetError(f"{path}: {'; '.join(found)}")
+
+
+def _numbered(frame: pd.DataFrame) -> bool:
+    """Whether the trials of each seed are numbered from 0 without a gap."""
+    sizes = frame.groupby("seed")["trial"].agg(["min", "max", "nunique"])
+    return bool(((sizes["min"] == 0) & (sizes["max"] + 1 == sizes["nunique"])).all())

@@ -8,14 +8,16 @@ lock          held while a step is taken, so that several processes take turns
 from __future__ import annotations
 
 import fcntl
+import filecmp
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from numbers import Integral
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from pydantic import BaseModel
@@ -90,16 +92,14 @@ class Folder:
             save: writes the state of an optimiser that knows nothing yet.
 
         Raises:
-            StudyError: the path is something else than a study's folder.
+            StudyError: the path is something else than a study's folder, or that of a study that lost its
+                description.
             WriteError: it cannot be written.
         """
         if self.path.exists() and not self.path.is_dir():
             raise StudyError(f"{self.path}: is a file; expected the folder of a study, or nothing yet")
-        if (
-            self.path.is_dir()
-            and not self.exists
-            and any(p.name not in (_LOCK, _STATE) for p in self.path.iterdir())
-        ):
+        left = {_LOCK, _STATE, *(p.name for p in self._unfinished())}
+        if self.path.is_dir() and not self.exists and {p.name for p in self.path.iterdir()} - left:
             raise StudyError(
                 f"{self.path}: is a folder with other files; expected that of a study, or nothing yet"
             )
@@ -111,8 +111,34 @@ class Folder:
             raise WriteError(f"{self.path}: cannot be made: {error.strerror or error}") from None
         with self.locked():
             if not self.exists:
+                self._require_nothing_told(save)
                 save(self.state)
                 write_json(self.path / _SYSTEM, data)  # last: it makes the folder a study
+
+    def clean(self) -> None:
+        """Remove what processes left that were killed while they wrote; needs the lock."""
+        for path in self._unfinished():
+            with suppress(OSError):
+                path.unlink()
+
+    def _unfinished(self) -> list[Path]:
+        """Files under the names that `files.atomic` gives until they are complete."""
+        names = _STATE, Path(_SYSTEM).stem
+        return [path for name in names for path in self.path.glob(f".{name}.[0-9]*-????????*")]
+
+    def _require_nothing_told(self, save: Callable[[Path], None]) -> None:
+        """Raise StudyError when a state without a description is other than that of a beginning cut short."""
+        if not self.begun:
+            return
+        with TemporaryDirectory() as folder:
+            beginning = Path(folder) / _STATE
+            save(beginning)
+            if filecmp.cmp(beginning, self.state, shallow=False):
+                return
+        raise StudyError(
+            f"{self.path / _SYSTEM}: is missing, and the state beside it is of another study or of one that "
+            f"was told something; restore the description from a copy, or remove {self.state} to begin anew"
+        )
 
     def read(self) -> tuple[System, Plan]:
         """What the study was begun with.

@@ -110,7 +110,7 @@ class Study:
         study = cls.__new__(cls)
         study._begin(stored, plan, folder)
         with study._current():
-            pass
+            folder.clean()
         return study
 
     def _begin(self, system: System, plan: Plan, folder: Folder | None) -> None:
