@@ -321,7 +321,7 @@ class Study:
             self.to_dataframe().to_csv(temporary)
 
     def pending(self) -> pd.DataFrame:
-        """Trials that were asked and not told, as `ask` gave them."""
+        """Trials that were asked and not told; of methods without a model no probability is kept (NaN)."""
         with self._current() as optimizer:
             trials = optimizer.trials
             return reading.suggested(self._problem.codec, trials[trials.status == Status.PENDING])
