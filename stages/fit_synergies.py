@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.files.bounded import require_regular
 from hdsafebo.hand.reference import Difficulty, observation_moment, save_moment
 from hdsafebo.hand.rollout import Scene, evaluate_policies
 from hdsafebo.hand.synergies import fit_synergies, save_synergies, synergy_policies
@@ -51,6 +52,7 @@ def main(stage: Stage) -> None:
 def _read(path: Path) -> pd.DataFrame:
     """The recorded activations."""
     try:
+        require_regular(path)
         return pq.read_table(path).to_pandas()
     except (OSError, pa.ArrowException) as error:
         raise DatasetError(f"{path}: cannot be read as activations: {error}") from None

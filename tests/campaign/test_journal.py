@@ -55,6 +55,17 @@ def test_the_same_record_a_hundred_times_is_one_and_a_conflict_keeps_the_first(t
         assert journal.records == {"a": {"v": 0.1}}
 
 
+@pytest.mark.parametrize("again", [False, True])
+def test_nothing_is_acknowledged_in_a_file_that_was_deleted(tmp_path: Path, again: bool) -> None:
+    with Journal(tmp_path / "log") as journal:
+        journal.append("a", 1)
+        journal.path.unlink()
+        if again:
+            journal.path.touch()
+        with pytest.raises(JournalError, match="was deleted or replaced while in use"):
+            journal.append("b", 2)
+
+
 def test_two_open_journals_see_each_other(tmp_path: Path) -> None:
     with Journal(tmp_path / "log") as one, Journal(tmp_path / "log") as two:
         one.append("a", 1)

@@ -16,6 +16,7 @@ import pytest
 
 from hdsafebo.campaign.errors import CampaignError
 from hdsafebo.campaign.journal import Journal
+from hdsafebo.campaign.rounds import Round, RunJournal
 from hdsafebo.campaign.run_spec import RunSpec
 from hdsafebo.campaign.runner import RunResult, run
 from hdsafebo.errors import JournalError, ParamsError, StateFileError
@@ -254,6 +255,28 @@ def test_a_damaged_state_is_an_error(tmp_path: Path, monkeypatch: Patch, damage:
     }[damage]()
     with pytest.raises(JournalError, match=r"state-\d+: is (damaged|missing); remove .* to compute"):
         toys.run_toy(spec)
+
+
+def test_a_state_that_is_no_file_is_an_error(tmp_path: Path, monkeypatch: Patch) -> None:
+    spec = half_done(tmp_path, monkeypatch)
+    (state,) = run_directory(spec).glob("state-*")
+    state.unlink()
+    os.mkfifo(state)
+    with pytest.raises(JournalError, match=r"state-\d+: is no regular file; remove .* to compute"):
+        toys.run_toy(spec)
+
+
+def test_a_run_whose_lock_was_deleted_ends(tmp_path: Path) -> None:
+    """Another process may hold a new lock by now, and compute the same run."""
+    entry = Round("points", {"seed": np.zeros(1, np.int32)})
+    with RunJournal(tmp_path, "run", {}) as one:
+        (one.directory / "lock").unlink()
+        with RunJournal(tmp_path, "run", {}, patience_s=0.0) as two:
+            two.append(entry)
+            with pytest.raises(JournalError, match="lock: was deleted while the run is computed"):
+                one.append(entry)
+    with RunJournal(tmp_path, "run", {}) as again:
+        assert len(again.rounds) == 1
 
 
 def test_an_evaluation_that_is_not_reproduced_is_an_error(tmp_path: Path, monkeypatch: Patch) -> None:

@@ -84,6 +84,21 @@ def test_bad_values_are_named(standard: dict, key: str, value: object, expected:
     assert key.split(".")[-1] in message
 
 
+@pytest.mark.parametrize(
+    "name", ["../../x", "a/b", "/a", "", ".hidden", "-flag", "two words", "line\n", "a\0b", "x" * 81]
+)
+def test_names_cannot_lead_out_of_a_directory(standard: dict, name: str) -> None:
+    """Run files, journals and items of stages are called after the blocks of the methods."""
+    standard["methods"][name] = {"algorithm": "sobol"}
+    with pytest.raises(ParamsError, match="is no name; expected at most 80 letters, digits") as caught:
+        parse_checked_params(standard)
+    assert repr(name)[:60] in str(caught.value)
+    del standard["methods"][name]
+    standard["profile"] = name
+    with pytest.raises(ParamsError, match=r"^params: profile: .* is no name"):
+        parse_checked_params(standard)
+
+
 def test_missing_key_is_named(standard: dict) -> None:
     del standard["tasks"]["hand"]["budget"]["initial"]
     with pytest.raises(ParamsError, match=r"tasks\.hand\.budget\.initial: Field required"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import http.server
+import os
 import shutil
 import subprocess
 import sys
@@ -292,6 +293,27 @@ def test_odd_names_of_folders(
     else:
         assert not caplog.text
         assert "pipeline" in experiments(folder)
+
+
+@pytest.mark.parametrize("what", ["a directory", "a pipe", "another file"])
+def test_what_is_no_store_costs_one_notice_and_no_time(
+    project: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, what: str
+) -> None:
+    """MLflow itself tries for 100 s to open a directory, while all other stages wait."""
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    path = project / "mlruns.db"
+    {
+        "a directory": path.mkdir,
+        "a pipe": lambda: os.mkfifo(path),
+        "another file": lambda: path.write_text("no database, and long enough to be read as a page" * 100),
+    }[what]()
+    start = time.monotonic()
+    with track_stage("optimize", PARAMS, project) as tracker:
+        tracker.log_metrics({"a": 1.0})
+    assert time.monotonic() - start < 20, "the import of MLflow takes seconds"
+    assert caplog.text.count("mlruns.db: no store of MLflow") == 1
+    with pytest.raises(StoreError, match="no store of MLflow"):
+        experiments(project)
 
 
 @pytest.mark.usefixtures("local_store")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -80,12 +81,22 @@ def write_run(
     z: Sequence[Sequence[float]] | None = None,
     **metadata: object,
 ) -> Path:
-    """Write `data/runs/<task>-<method>.parquet` below `root`."""
+    """Write `data/runs/<task>-<method>.parquet` below `root`.
+
+    Trials that a run lacks against the longest one are missing in its counts. `counts` that are given decide
+    what the budget was, and how many trials of a run were marked: the first that it chose.
+    """
     frame = pd.concat(tables, ignore_index=True)
     seeds = sorted(frame["seed"].unique().tolist())
-    n_trials = int(frame["trial"].max()) + 1
+    lengths = frame.groupby("seed")["trial"].max() + 1
+    n_trials = int(lengths.max())
     sizes = {"seeds": seeds, "n_initial": n_initial, "batch": batch, "n_trials": n_trials}
-    sizes["counts"] = [NO_FAULTS] * len(seeds)
+    sizes["counts"] = [NO_FAULTS | {"missing": n_trials - int(lengths[seed])} for seed in seeds]
+    if given := cast(list[dict[str, Any]], metadata.get("counts")):
+        sizes["n_trials"] = int(lengths[seeds[0]]) + given[0]["missing"]
+        for seed, counts in zip(seeds, given, strict=False):
+            chosen = frame.index[(frame["seed"] == seed) & ~frame["initial"]]
+            frame.loc[chosen[: counts["marked"]], "marked_unsafe"] = True
     content = METADATA | {"task": task, "method": method, "algorithm": method} | sizes | metadata
     table = pa.Table.from_pandas(frame, preserve_index=False)
     searched = [[0.0, 1.0]] * len(frame) if z is None else z

@@ -94,7 +94,8 @@ def test_the_bound_is_held_against_what_was_modelled(tmp_path: Path) -> None:
     g = np.where(np.arange(8) == 5, -0.3, 1.0)
     table = trial_table(0, np.ones(8), g, n_initial=4, batch=2, bound=0.1)
     table["violation"] = 100 * table["violation"]
-    write_run(tmp_path, "toy", "hdsafebo", [table], n_initial=4, batch=2, beta=2.0, guaranteed_alpha=0.023)
+    promise = {"beta": 2.0, "guaranteed_alpha": float(norm.sf(2.0))}
+    write_run(tmp_path, "toy", "hdsafebo", [table], n_initial=4, batch=2, **promise)
     verdict = claim(tmp_path, "one_step_bound").verdicts["hdsafebo"]
     assert verdict.status == "reproduced"
     assert "observed 0.300, sum of bounds 0.400" in verdict.text
@@ -102,8 +103,8 @@ def test_the_bound_is_held_against_what_was_modelled(tmp_path: Path) -> None:
 
 def test_proposition_3(tmp_path: Path) -> None:
     check = Isometry(distance_correlation=0.99, gp_mean_difference=1.0, gp_variance_difference=1.0)
-    for alpha, status in ((0.023, "empty"), (0.977, "partly")):
-        flat(tmp_path, "toy", "hdsafebo", 1.0, beta=-2.0, guaranteed_alpha=alpha)
+    for beta, status in ((2.0, "empty"), (-2.0, "partly")):
+        flat(tmp_path, "toy", "hdsafebo", 1.0, beta=beta, guaranteed_alpha=float(norm.sf(beta)))
         claims = paper_claims(results(tmp_path), {"irvae": check}, None)
         assert next(c for c in claims if c.name == "proposition_3").verdicts[""].status == status
 

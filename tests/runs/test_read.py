@@ -66,6 +66,28 @@ def test_malformed_rows_are_refused(
     assert str(path) in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ({"n_trials": 5}, "trials other than the 5 of the metadata less those missing"),
+        ({"counts": [NO_FAULTS | {"missing": 1}], "n_trials": 4}, "less those missing"),
+        ({"n_initial": 1}, "initial trials other than the 1 of the metadata"),
+        ({"counts": [NO_FAULTS | {"marked": 3}]}, "marked trials other than those of the counts"),
+        ({"batch": 1}, "rounds of more than 1 trials"),
+        ({"thresholds": [0.0, 1.0]}, r"thresholds \[0.0, 1.0\], expected one for each of"),
+        ({"thresholds": [0.3]}, r"safe trials other than those at or above the threshold \[0.3\]"),
+        ({"beta": 2.0, "guaranteed_alpha": 0.9}, r"guaranteed_alpha 0.9, expected 1 - Phi\(beta\)"),
+        ({"beta": None, "guaranteed_alpha": 0.1}, r"guaranteed_alpha 0.1, expected 1 - Phi\(beta\)"),
+    ],
+)
+def test_rows_must_be_those_of_which_the_metadata_speaks(
+    tmp_path: Path, metadata: dict[str, object], message: str
+) -> None:
+    path = write_run(tmp_path, "toy", "sobol", [one_run()], **({"n_initial": 2, "batch": 2} | metadata))
+    with pytest.raises(DatasetError, match=message):
+        read_run(path)
+
+
 def test_seeds_must_be_those_of_the_metadata(tmp_path: Path) -> None:
     path = write_run(tmp_path, "toy", "sobol", [one_run()], n_initial=2, batch=2, seeds=[3, 4])
     with pytest.raises(DatasetError, match="seeds other than"):

@@ -22,7 +22,8 @@ from pathlib import Path
 
 from hdsafebo.errors import JournalError
 from hdsafebo.files.atomic import sync_directory
-from hdsafebo.files.durable import append_durably, locked, make_durable_directory
+from hdsafebo.files.bounded import require_regular
+from hdsafebo.files.durable import append_durably, is_in_place, locked, make_durable_directory
 
 _DIGEST_LENGTH = 64
 _START = "0" * _DIGEST_LENGTH
@@ -48,6 +49,7 @@ class Journal:
         with self._explained("opened"):
             make_durable_directory(path.parent)
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            require_regular(path)
             sync_directory(path.parent)
         try:
             with locked(self._file):
@@ -74,6 +76,7 @@ class Journal:
             raise JournalError(f"{self.path}: key {key!r}; expected a name without white space")
         text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
         with self._explained("written"), locked(self._file):
+            self._require_in_place()
             self._catch_up()
             if key in self._digests:
                 if self._digests[key] != _sha256(text):
@@ -103,6 +106,14 @@ class Journal:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+    def _require_in_place(self) -> None:
+        """JournalError when the file was deleted or replaced: what is appended to it, nobody would read."""
+        if not is_in_place(self.path, self._file):
+            raise JournalError(
+                f"{self.path}: was deleted or replaced while in use; what was acknowledged before is lost "
+                "with it, and a run that is started again computes it anew"
+            )
 
     def _catch_up(self) -> None:
         """Read from the last known good byte to the end; needs the lock."""

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from hdsafebo.campaign.errors import CampaignError
 from hdsafebo.campaign.run_spec import RunSpec
+from hdsafebo.files.bounded import read_text
 from hdsafebo.progress import Advance
 
 _STOP = "stop"
@@ -47,7 +48,7 @@ class Beacon:
 
     def _check_leader(self) -> None:
         try:
-            leader = (self._directory / _LEADER).read_text()
+            leader = read_text(self._directory / _LEADER)
         except OSError:
             return  # a directory that is not shared: nothing to know
         now = time.monotonic()
@@ -80,7 +81,7 @@ class ProgressWatcher:
             (self._directory / _LEADER).write_text(str(self._polls))
         for seed in self._done:
             with suppress(OSError, ValueError):  # the worker has not written its file yet, or is writing
-                self._set(seed, int((self._directory / str(seed)).read_text()))
+                self._set(seed, int(read_text(self._directory / str(seed))))
 
     def finish(self, seed: int, trials: int) -> None:
         """A run is complete."""

@@ -24,11 +24,13 @@ import numpy as np
 
 from hdsafebo.campaign.journal import Journal
 from hdsafebo.errors import JournalError
+from hdsafebo.files.durable import is_in_place
 from hdsafebo.pipeline.provenance import digest_file, digest_json
 from hdsafebo.runs.schema import Rows
 from hdsafebo.trials import Trials
 
 _KEY_LENGTH = 24
+_LOCK = "lock"
 _LOCK_POLL_S = 0.2
 _PATIENCE_S = 180.0  # longer than a worker goes on for a campaign that was killed (see `progress`)
 _ROUND_PREFIX = "round-"
@@ -98,6 +100,7 @@ class RunJournal:
 
     def append(self, entry: Round) -> None:
         """Make the next round durable."""
+        self._require_lock()
         number = len(self.rounds)
         self._log.append(f"{_ROUND_PREFIX}{number}", {"points": entry.points, "rows": _to_plain(entry.rows)})
         self.rounds.append(entry)
@@ -137,7 +140,7 @@ class RunJournal:
 
     def _acquire(self, patience_s: float) -> int:
         try:
-            handle = os.open(self.directory / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            handle = os.open(self.directory / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise JournalError(f"{self.directory}: the lock cannot be opened: {error.strerror}") from error
         deadline = time.monotonic() + patience_s
@@ -153,6 +156,15 @@ class RunJournal:
                 time.sleep(_LOCK_POLL_S)
             else:
                 return handle
+
+    def _require_lock(self) -> None:
+        """JournalError when the lock's file was deleted: another process may hold a new one by now."""
+        path = self.directory / _LOCK
+        if not is_in_place(path, self._lock):
+            raise JournalError(
+                f"{path}: was deleted while the run is computed, so that another process may compute it as "
+                "well; start it again, and it goes on after the rounds that are kept"
+            )
 
     def _read_rounds(self) -> list[Round]:
         numbers = self._numbers(_ROUND_PREFIX)
@@ -173,9 +185,15 @@ class RunJournal:
         expected = cast(dict[str, str], self._log.records[path.name])["sha256"]
         if max(numbers) >= len(self.rounds):
             raise JournalError(f"{path}: belongs to a round that {self._log.path} does not have")
-        if not path.exists() or digest_file(path) != expected:
-            what = "is damaged" if path.exists() else "is missing"
-            raise JournalError(f"{path}: {what}; remove {self.directory} to compute the run again")
+        try:
+            intact = digest_file(path) == expected
+        except OSError as error:
+            what = "is missing" if isinstance(error, FileNotFoundError) else error.strerror
+            raise JournalError(
+                f"{path}: {what}; remove {self.directory} to compute the run again"
+            ) from None
+        if not intact:
+            raise JournalError(f"{path}: is damaged; remove {self.directory} to compute the run again")
         self._keep_state(path)
         return max(numbers), path
 

@@ -33,6 +33,26 @@ def require_regular(path: Path) -> None:
     open_regular(path).close()
 
 
+def read_bytes(path: Path) -> bytes:
+    """Content of a regular file that the pipeline itself wrote, so that its size needs no bound.
+
+    Raises:
+        OSError: it cannot be read, or is something else.
+    """
+    with open_regular(path) as file:
+        return file.read()
+
+
+def read_text(path: Path) -> str:
+    """The same as text.
+
+    Raises:
+        OSError: as `read_bytes`.
+        UnicodeDecodeError: it is no UTF-8.
+    """
+    return read_bytes(path).decode("utf-8").replace("\r\n", "\n")
+
+
 def read_bounded(path: Path, limit: int, error: type[HdSafeBOError]) -> bytes:
     """Content of a file of bounded size.
 

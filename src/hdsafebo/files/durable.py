@@ -39,6 +39,14 @@ def append_durably(file: int, end: int, data: bytes) -> None:
         raise
 
 
+def is_in_place(path: Path, file: int) -> bool:
+    """Whether an open file is still the one of that path: neither deleted nor replaced meanwhile."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(file))
+    except FileNotFoundError:
+        return False
+
+
 @contextmanager
 def locked(file: int, wait_s: float | None = None, *, shared: bool = False) -> Iterator[None]:
     """Hold the advisory lock of an open file.

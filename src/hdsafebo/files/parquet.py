@@ -68,6 +68,22 @@ def read_parquet(
         raise error(f"{name}: cannot be read as parquet: {reason}") from fault
 
 
+def column_names(path: Path, error: type[HdSafeBOError]) -> list[str]:
+    """Names of the columns of a parquet file.
+
+    Raises:
+        HdSafeBOError: as `error`: it cannot be read as parquet.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        require_regular(path)
+        return list(pq.read_schema(path).names)
+    except (OSError, pa.ArrowException) as fault:
+        raise error(f"{path}: cannot be read as parquet: {fault}") from fault
+
+
 def _check_columns(schema: pa.Schema, wanted: list[str], name: str, error: type[HdSafeBOError]) -> None:
     import pyarrow as pa
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, field_validator, model_validator
 
-from hdsafebo.params.base import Block, Count
+from hdsafebo.params.base import Block, Count, Name
 from hdsafebo.params.embeddings import Digits, Embeddings, IsometryParams
 from hdsafebo.params.hand import Hand
 from hdsafebo.params.methods import MethodBlock, with_algorithms
@@ -60,14 +60,14 @@ class Params(Block):
         methods: what runs under each name; the other keys of a block are settings of its algorithm.
     """
 
-    profile: str
+    profile: Name
     spinal: Spinal = Spinal()
     hand: Hand = Hand()
     embeddings: Embeddings = Embeddings()
     isometry: IsometryParams = IsometryParams()
     digits: Digits = Digits()
     tasks: Tasks
-    methods: dict[str, MethodBlock]
+    methods: dict[Name, MethodBlock]
     compute: Compute = Compute()
     tracking: Tracking = Tracking()
     report: ReportParams = ReportParams()

@@ -35,7 +35,7 @@ def parse_params(data: dict[str, Any], *, source: str = "params") -> Params:
 
 def _explain(error: Any) -> str:
     """One line of a pydantic error: key, what is wrong, the value."""
-    key = ".".join(str(part) for part in error["loc"]) or "(top level)"
+    key = ".".join(str(part) for part in error["loc"] if part != "[key]") or "(top level)"
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "extra_forbidden":
         return f"{key}: unknown key (value {_short(error['input'])}); {_valid_keys(error['loc'])}"

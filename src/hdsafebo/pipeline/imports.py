@@ -6,6 +6,8 @@ import ast
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from hdsafebo.files.bounded import read_bytes
+
 PACKAGE = "hdsafebo"
 # Checking the parameters looks up names and settings of methods and embeddings; whoever uses their code
 # imports it himself.
@@ -50,7 +52,7 @@ class ImportGraph:
             skip = NAMES_ONLY.get(self._module_name(path), ())
             names = {
                 name
-                for name in _imported_names(ast.parse(path.read_bytes()))
+                for name in _imported_names(ast.parse(read_bytes(path)))
                 if name.split(".")[0] == PACKAGE and not name.startswith(skip)
             }
             self._imported[path] = set().union(*map(self._files_of, names))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from hdsafebo.errors import ParamsError, UnknownNameError
 from hdsafebo.files.atomic import replacing
+from hdsafebo.files.bounded import read_bytes
 from hdsafebo.files.yaml import parse_mapping, read_mapping
 from hdsafebo.pipeline.checked_params import parse_checked_params
 
@@ -66,8 +67,8 @@ def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
     """
     target = root / "params.yaml"
     text = profile_text(root, name)
-    if target.is_file():
-        present = target.read_bytes()
+    if target.exists():
+        present = read_bytes(target)
         if present == text.encode():
             return False
         if not force and all(present != profile_text(root, n).encode() for n in profile_names(root)):
@@ -83,7 +84,7 @@ def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
 def _with_comments(yaml: YAML, path: Path) -> Any:
     """A profile with its comments and formats, after a check that the file holds plain data only."""
     read_mapping(path, ParamsError)
-    return yaml.load(path.read_bytes())
+    return yaml.load(read_bytes(path))
 
 
 def _merge(base: Any, changes: Any) -> None:

@@ -13,6 +13,8 @@ from pathlib import Path
 from tokenize import TokenError, TokenInfo, generate_tokens
 from typing import Any
 
+from hdsafebo.files.bounded import open_regular, read_text
+
 _BLOCK = 1 << 20
 _LAYOUT = (token.NL, token.INDENT, token.DEDENT, token.ENDMARKER)
 _GIT_TIMEOUT_S = 10
@@ -29,9 +31,9 @@ def digest_json(value: object) -> str:
 
 
 def digest_file(path: Path) -> str:
-    """SHA-256 of a file's content, read in blocks."""
+    """SHA-256 of a file's content, read in blocks; OSError for what is no regular file."""
     state = hashlib.sha256()
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         while block := file.read(_BLOCK):
             state.update(block)
     return state.hexdigest()
@@ -46,7 +48,7 @@ def digest_code(path: Path) -> str:
     Raises:
         SyntaxError: the file is no Python.
     """
-    source = path.read_text(encoding="utf-8")
+    source = read_text(path)
     starts = [0, *accumulate(len(row) for row in StringIO(source))]
     state = hashlib.sha256()
     line: list[TokenInfo] = []

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from hdsafebo.errors import HdSafeBOError
+from hdsafebo.files.bounded import require_regular
 
 _CALL_S = 30.0  # one call of a server: an upload of some megabytes passes
 _PATIENCE_S = 60.0  # all calls of a stage together ...
@@ -73,7 +74,8 @@ class MlflowStore:
         MLflow makes the tables of a new store even while another process makes them.
 
         Raises:
-            StoreError: the store takes too long, or the path of the local store cannot be an address.
+            StoreError: the store takes too long, or the local store is no database or has a path that cannot
+                be an address.
             Exception: what `work` raises.
         """
         if not self.local:
@@ -85,6 +87,7 @@ class MlflowStore:
                     "a store; move the project, or set MLFLOW_TRACKING_URI"
                 )
         with self._alone():
+            _require_database(self._home / "mlruns.db")
             return work()
 
     def _patiently(self, work: Callable[[], T]) -> T:
@@ -132,6 +135,20 @@ class MlflowStore:
             yield
 
 
+def _require_database(path: Path) -> None:
+    """StoreError for something else in the place of the local store, which MLflow would try for minutes."""
+    if not path.exists():
+        return
+    try:
+        require_regular(path)
+        with closing(sqlite3.connect(path)) as connection:
+            connection.execute("PRAGMA schema_version")
+    except (OSError, sqlite3.Error) as error:
+        raise StoreError(
+            f"{path}: no store of MLflow: {error}; move it away, and the next stage begins a new store"
+        ) from None
+
+
 def experiments(home: Path) -> dict[str, str]:
     """Identifiers of the experiments in the local store by their names; none without a store.
 
@@ -139,11 +156,12 @@ def experiments(home: Path) -> dict[str, str]:
         StoreError: the file is no store of MLflow.
     """
     path = home / "mlruns.db"
-    if not path.is_file():
+    if not path.exists():
         return {}
     query = "SELECT name, experiment_id FROM experiments WHERE lifecycle_stage = 'active' ORDER BY name"
     try:
+        require_regular(path)
         with closing(sqlite3.connect(path)) as connection:
             return {name: str(number) for name, number in connection.execute(query)}
-    except sqlite3.Error as error:
+    except (OSError, sqlite3.Error) as error:
         raise StoreError(f"{path}: no store of MLflow: {error}") from None

@@ -23,6 +23,7 @@ from scipy.spatial import cKDTree
 from hdsafebo.embeddings.base import Embedding
 from hdsafebo.embeddings.registry import load_embedding
 from hdsafebo.errors import DatasetError, UnknownNameError
+from hdsafebo.files.bounded import require_regular
 from hdsafebo.params import Params
 from hdsafebo.problem import Problem, Safety
 from hdsafebo.problems.knowledge import TaskKnowledge
@@ -266,6 +267,7 @@ def read_target(path: Path, muscle: str, side: str) -> tuple[FloatArray, FloatAr
     """
     column = f"si_{muscle}_{side}"
     try:
+        require_regular(path)
         table = pq.read_table(path, columns=["configuration", "current", column, "g"])
     except (OSError, ValueError, KeyError) as error:
         raise DatasetError(f"{path}: cannot be read as the stimulation dataset: {error}") from error

@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 from statistics import mean
 
+from hdsafebo.files.bounded import read_text
 from hdsafebo.params import load_params
 from hdsafebo.report.claims.base import STATUS_LABELS
 from hdsafebo.report.claims.paper import paper_claims
@@ -67,7 +68,7 @@ def _names(problems: list[str]) -> str:
 def _calibration(root: Path) -> tuple[str, str, str]:
     """Promised and observed safe shares on problems drawn from the model."""
     path = _BENCHMARKS / "calibration.json"
-    content = json.loads((root / path).read_text(encoding="utf-8"))
+    content = json.loads(read_text(root / path))
     row = max(content["fitted"], key=lambda r: r["alpha"])
     bins = [b["within"] for asked in content["fitted"] for b in asked["bins"]]
     return (
@@ -81,7 +82,7 @@ def _calibration(root: Path) -> tuple[str, str, str]:
 def _month(root: Path) -> tuple[str, str, str]:
     """Sessions with simulated patients."""
     path = _BENCHMARKS / "session_month.json"
-    patients = json.loads((root / path).read_text(encoding="utf-8"))["patients"]
+    patients = json.loads(read_text(root / path))["patients"]
     total = {k: sum(p[k] for p in patients) for k in ("unsafe", "recommended", "breaches", "improved")}
     muscles = sum(len(p["final_best"]) for p in patients)
     return (

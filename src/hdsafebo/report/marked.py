@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.files.bounded import read_text
 
 
 def marked(path: Path, name: str) -> str:
@@ -28,7 +29,7 @@ def write_marked(path: Path, name: str, text: str) -> None:
 
 def _parts(path: Path, name: str) -> tuple[str, str, str]:
     """Text up to the end of the first mark's line, between the marks, and from the second mark on."""
-    text = path.read_text(encoding="utf-8")
+    text = read_text(path)
     begin, end = f"<!-- {name}: ", f"<!-- end of {name} -->"
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise DatasetError(f"{path}: expected the mark {begin + '... -->'!r} once, and {end!r} once after it")

@@ -9,6 +9,7 @@ from typing import Any
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.files.atomic import write_json
+from hdsafebo.files.bounded import read_text
 from hdsafebo.params import load_params
 from hdsafebo.report.build import build_report
 from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS, keep_evidence, read_provenance
@@ -87,7 +88,7 @@ def stage_costs(path: Path, profile: str, kept: list[dict[str, Any]]) -> list[di
         kept: costs from before, perhaps of another machine.
     """
     latest: dict[tuple[str, ...], dict[str, Any]] = {}
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    lines = read_text(path).splitlines() if path.exists() else []
     for cost in [*kept, *map(json.loads, lines)]:
         if cost["profile"] == profile:
             latest[(cost["stage"], *cost["item"])] = cost

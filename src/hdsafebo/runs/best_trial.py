@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.files.bounded import require_regular
 from hdsafebo.params import Space
 from hdsafebo.runs.read import read_run
 from hdsafebo.typing import FloatArray
@@ -93,6 +94,7 @@ def _searched(path: Path, trials: list[tuple[int, int]]) -> list[FloatArray]:
     if not trials:
         return []
     try:
+        require_regular(path)
         table = pq.ParquetFile(path).read(columns=["seed", "trial", "z"])
         numbers = list(zip(table["seed"].to_pylist(), table["trial"].to_pylist(), strict=True))
         column = table["z"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 from pydantic import ValidationError
+from scipy.stats import norm
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.files.parquet import read_parquet
@@ -127,9 +129,36 @@ def _check(path: Path, meta: RunMetadata, frame: pd.DataFrame) -> None:
         f"counts of {len(meta.counts)} runs, expected one per seed": len(meta.counts) != len(meta.seeds),
         f"seeds other than those of the metadata {meta.seeds}": set(frame["seed"]) != set(meta.seeds),
     }
+    faults |= _against_metadata(meta, frame)
     found = [name for name, is_fault in faults.items() if is_fault]
     if found:
         raise DatasetError(f"{path}: {'; '.join(found)}")
+
+
+def _against_metadata(meta: RunMetadata, frame: pd.DataFrame) -> dict[str, bool]:
+    """Faults, by their words, of rows that are not those of which the metadata speaks."""
+    by_seed = dict(iter(frame.groupby("seed")))
+    runs = [(by_seed[s], c) for s, c in zip(meta.seeds, meta.counts, strict=False) if s in by_seed]
+    rounds = frame[~frame["initial"]].groupby(["seed", "round"]).size()
+    done = frame[frame["status"] == "completed"]
+    return {
+        f"trials other than the {meta.n_trials} of the metadata less those missing": any(
+            len(rows) + counts.missing != meta.n_trials for rows, counts in runs
+        ),
+        f"initial trials other than the {meta.n_initial} of the metadata": any(
+            int(rows["initial"].sum()) != meta.n_initial for rows, _ in runs
+        ),
+        "marked trials other than those of the counts": any(
+            int(rows["marked_unsafe"].sum()) != counts.marked for rows, counts in runs
+        ),
+        f"rounds of more than {meta.batch} trials": bool((rounds > meta.batch).any()),
+        f"thresholds {meta.thresholds}, expected one for each of {meta.safety_names}": len(meta.thresholds)
+        != len(meta.safety_names),
+        f"safe trials other than those at or above the threshold {meta.thresholds}": len(meta.thresholds) == 1
+        and bool((done["safe"] != (done["safety"] >= meta.thresholds[0])).any()),
+        f"guaranteed_alpha {meta.guaranteed_alpha}, expected 1 - Phi(beta)": meta.guaranteed_alpha is not None
+        and (meta.beta is None or not math.isclose(meta.guaranteed_alpha, norm.sf(meta.beta), abs_tol=1e-9)),
+    }
 
 
 def _numbered(frame: pd.DataFrame) -> bool:

@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.files.bounded import require_regular
 from hdsafebo.spinal.activating_function import SIDES
 from hdsafebo.spinal.configurations import CONFIGURATIONS, CONTACTS, enumerate_configurations
 from hdsafebo.spinal.muscles import MUSCLES
@@ -87,6 +88,7 @@ def read_dataset(path: Path) -> pa.Table:
         DatasetError: the file is missing or damaged, or its content fails `check_dataset`.
     """
     try:
+        require_regular(path)
         table = pq.read_table(path)
     except FileNotFoundError as error:
         raise DatasetError(f"{path}: no such file; the stage traverse_stimulation writes it") from error

@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from hdsafebo.files.bounded import read_bytes
 from hdsafebo.hand.environment import BottleHandEnv
 from hdsafebo.hand.rollout import Scene
 from hdsafebo.hand.scene.model import Variant
@@ -150,7 +151,7 @@ def train_agent(job: Training) -> Trained:
     )
     agent.learn(sac.steps, callback=Recorder())
     agent.save(job.archive, exclude=_UNREPEATABLE)
-    job.archive.write_bytes(repeatable_archive(job.archive.read_bytes()))
+    job.archive.write_bytes(repeatable_archive(read_bytes(job.archive)))
     columns = zip(*episodes, strict=True) if episodes else ((), (), ())
     step, total, dropped = columns
     return Trained(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
+from hdsafebo.files.bounded import read_bytes
 from hdsafebo.report.data.json_files import read_model
 
 POLICIES = "data/body/policies"
@@ -90,6 +91,6 @@ def read_body(root: Path) -> BodyInputs:
     film = folder / FILM
     return BodyInputs(
         played=read_model(folder / "policies.json", BodyPolicies),
-        strips={path.name: path.read_bytes() for path in sorted(folder.glob("*.png"))},
-        film=film.read_bytes() if film.is_file() else None,
+        strips={path.name: read_bytes(path) for path in sorted(folder.glob("*.png"))},
+        film=read_bytes(film) if film.exists() else None,
     )

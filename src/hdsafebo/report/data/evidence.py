@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.files.atomic import replacing, write_json
-from hdsafebo.files.parquet import read_parquet
+from hdsafebo.files.parquet import column_names, read_parquet
 from hdsafebo.params import load_params
 from hdsafebo.pipeline.provenance import digest_file, git_state
 from hdsafebo.report.data import body_inputs, hand_inputs, inputs
@@ -113,7 +113,8 @@ def compact(source: Path, target: Path) -> None:
 
     What was safe is kept as it was decided; violations are rounded with the values that they are of.
     """
-    extra = [name for name in _FURTHER_COLUMNS if name in pq.read_schema(source).names]
+    present = column_names(source, DatasetError)
+    extra = [name for name in _FURTHER_COLUMNS if name in present]
     table = read_parquet(source, str(source), DatasetError, [*COLUMNS, *extra])
     columns: dict[str, pa.Array] = {}
     for name in table.column_names:

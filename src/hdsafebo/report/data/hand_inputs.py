@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-import pyarrow.parquet as pq
-from pyarrow import ArrowException
 from pydantic import BaseModel, ConfigDict
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.files.bounded import require_regular
+from hdsafebo.files.bounded import read_bytes
+from hdsafebo.files.parquet import column_names, read_parquet
 from hdsafebo.report.data.json_files import read_model
 
 DIFFICULTY = "data/synergies/random_policies.json"
@@ -106,7 +105,7 @@ def read_hand(root: Path, runs: Path) -> HandInputs:
     return HandInputs(
         difficulty=read_model(root / DIFFICULTY, StoredDifficulty),
         policies=read_model(folder / "policies.json", Policies),
-        strips={path.name: path.read_bytes() for path in sorted(folder.glob("*.png"))},
+        strips={path.name: read_bytes(path) for path in sorted(folder.glob("*.png"))},
         outcomes={
             _named(path): _outcomes(path) for task in TASKS for path in sorted(runs.glob(f"{task}-*.parquet"))
         },
@@ -120,11 +119,6 @@ def _named(path: Path) -> tuple[str, str]:
 
 
 def _outcomes(path: Path) -> pd.DataFrame | None:
-    try:
-        require_regular(path)
-        with pq.ParquetFile(path) as file:
-            if not set(_COLUMNS) <= set(file.schema_arrow.names):
-                return None
-            return file.read(columns=_COLUMNS).to_pandas()
-    except (OSError, ArrowException) as error:
-        raise DatasetError(f"{path}: cannot be read as parquet: {error}") from error
+    if not set(_COLUMNS) <= set(column_names(path, DatasetError)):
+        return None
+    return read_parquet(path, str(path), DatasetError, _COLUMNS).to_pandas()

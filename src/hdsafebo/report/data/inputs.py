@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pandas as pd
-import pyarrow.parquet as pq
-from pyarrow import ArrowException
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.files.parquet import read_parquet
+from hdsafebo.files.bounded import read_bytes
+from hdsafebo.files.parquet import column_names, read_parquet
 from hdsafebo.report.data.body_inputs import BodyInputs, read_body
 from hdsafebo.report.data.hand_inputs import HandInputs, read_hand
 from hdsafebo.report.data.json_files import read_json
@@ -160,7 +159,7 @@ def read_distances(root: Path) -> dict[str, pd.DataFrame] | None:
     path = root / DISTANCES
     if not path.exists():
         return None
-    names = [name for name in _schema(path) if name != "original"]
+    names = [name for name in column_names(path, DatasetError) if name != "original"]
     frame = _parquet(path, ["original", *names])
     assert frame is not None
     return {name: frame[["original", name]].set_axis(["original", "latent"], axis=1) for name in names}
@@ -195,7 +194,7 @@ def read_stimulation(root: Path) -> Stimulation | None:
 def read_frames(folder: Path) -> list[StoredPicture]:
     """Pictures of another stage in the order of their names."""
     return [
-        StoredPicture(path.stem.replace("_", " "), path.read_bytes()) for path in sorted(folder.glob("*.png"))
+        StoredPicture(path.stem.replace("_", " "), read_bytes(path)) for path in sorted(folder.glob("*.png"))
     ]
 
 
@@ -221,13 +220,6 @@ def read_inputs(root: Path, runs: Path) -> Inputs:
         hand_frames=read_frames(root / HAND_FRAMES),
         spinal_frames=read_frames(root / SPINAL_FRAMES),
     )
-
-
-def _schema(path: Path) -> list[str]:
-    try:
-        return list(pq.read_schema(path).names)
-    except (OSError, ArrowException) as error:
-        raise DatasetError(f"{path}: cannot be read as parquet: {error}") from error
 
 
 def _parquet(path: Path, columns: list[str]) -> pd.DataFrame | None:

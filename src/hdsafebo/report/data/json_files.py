@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from hdsafebo.errors import DatasetError
-from hdsafebo.files.bounded import require_regular
+from hdsafebo.files.bounded import read_text
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -23,8 +23,7 @@ def read_json(path: Path) -> Any:
     if not path.exists():
         return None
     try:
-        require_regular(path)
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path}: cannot be read as JSON: {error}") from error
 

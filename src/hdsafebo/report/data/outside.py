@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.files.bounded import read_text
 
 OUTSIDE = "reports/reference/benchmarks/outside/table.json"
 _LABELS = {
@@ -34,11 +35,11 @@ def read_outside(path: Path) -> Outside:
         DatasetError: the table is malformed.
     """
     try:
-        table: Outside = json.loads(path.read_text(encoding="utf-8"))
+        table: Outside = json.loads(read_text(path))
         for methods in table.values():
             for row in methods.values():
                 float(row["best"]), float(row["safe"]), float(row["optimum"]), int(row["seeds"])
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path}: malformed: {type(error).__name__}: {error}") from error
     return table
 

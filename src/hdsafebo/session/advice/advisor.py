@@ -28,6 +28,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hdsafebo.errors import NoSafePointError
+from hdsafebo.files.bounded import read_bytes
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.session.advice.informed import informed_optimizer, results_of
 from hdsafebo.session.advice.methods import load_method
@@ -326,7 +327,7 @@ def _save(optimizer: Optimizer) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "optimiser.safetensors"
         optimizer.save(path)
-        return path.read_bytes()
+        return read_bytes(path)
 
 
 def _plain(value: Any) -> float | None:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from hdsafebo.files.atomic import WriteError, replacing
-from hdsafebo.files.durable import append_durably, make_durable_directory
+from hdsafebo.files.durable import append_durably, is_in_place, make_durable_directory
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.attachments import Attachments
 from hdsafebo.session.log.chain import Entry, write_rows
@@ -90,7 +90,7 @@ def append_to_all(paths: Sequence[Path], end: int, row: bytes) -> None:
             for file in files:
                 append_durably(file, end, row)
             for path, file in zip(paths, files, strict=True):
-                if not os.path.samestat(path.stat(), os.fstat(file)):  # deleted and made anew meanwhile
+                if not is_in_place(path, file):
                     raise FileNotFoundError(2, "was replaced", str(path))
         except OSError:
             for file in files:

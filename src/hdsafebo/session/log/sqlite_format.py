@@ -18,6 +18,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from hdsafebo.files.bounded import read_bytes
 from hdsafebo.session.errors import AuditError, SessionError
 from hdsafebo.session.log.cache import Cache
 from hdsafebo.session.log.chain import Entry, follow_on, read_row, seal
@@ -177,7 +178,7 @@ def _frames_after_damage(wal: Path) -> int:
     frame with the header's salts and a wrong checksum, and all behind it, cannot be told from an
     acknowledged step that was damaged.
     """
-    content = wal.read_bytes() if wal.exists() else b""
+    content = read_bytes(wal) if wal.exists() else b""
     if not content.strip(b"\0"):
         return 0
     if len(content) < 32:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hdsafebo.errors import DatasetError
+from hdsafebo.files.bounded import require_regular
 from hdsafebo.session.log.state import Point
 from hdsafebo.session.measuring.stimulator import CONTACTS, Polarity
 from hdsafebo.session.spaces.stimulation import CURRENT_COLUMN
@@ -79,6 +80,7 @@ def load_responses(path: Path) -> Responses:
     muscles = [f"mu_{MODEL_GROUPS[m.rsplit('_', 1)[0]]}_{m.rsplit('_', 1)[1]}" for m in MUSCLES]
     contacts = [f"contact_{i}" for i in range(CONTACTS)]
     try:
+        require_regular(path)
         table = pq.read_table(path, columns=["current", *contacts, *muscles, "g"])
     except (OSError, ValueError, KeyError) as error:
         raise DatasetError(f"{path}: cannot be read as the stimulation dataset: {error}") from None
