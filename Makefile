@@ -73,7 +73,8 @@ docs: $(STAMP)  ## write the pages that come from the code and build the documen
 tutorials: $(STAMP)  ## run the tutorials and write their pages and pictures
 	$(BIN)/python -m tools.docs --tutorials
 
-package: $(STAMP)  ## build wheel and source archive, and install them into clean environments with each extra (an hour)
+package: $(STAMP)  ## build wheel and source archive, and install them into clean environments with each extra (minutes)
+	$(PIP) uv
 	$(BIN)/python tools/check_package.py
 
 clean:  ## remove the environment, caches and what the pipeline made; sessions and the journal of runs stay
