@@ -53,6 +53,7 @@ PARTS: dict[str, list[tuple[object, str, object]]] = {
     ],
     "probes": [(batch.Batch, "probe", lambda self, distance: None)],
     "objective told its means": [(Posteriors, "believing", lambda self, points: self)],
+    "look everywhere": [(search, "_STALLED_ROUNDS", 1000)],
 }
 """What is taken out, and the names that stand in for it."""
 

@@ -134,7 +134,7 @@ def test_trials_lie_apart_from_known_open_and_failed_ones() -> None:
     assert min(apart) >= 1e-3
 
 
-def test_trials_lie_in_the_region() -> None:
+def test_while_nothing_is_gained_trials_look_far() -> None:
     made = started(bowl_problem())
     run_rounds(made, 2, 5)
     search = search_of(made)
@@ -142,6 +142,12 @@ def test_trials_lie_in_the_region() -> None:
     centre = made.trials.x[made.centre_row()]
     near = made.ask(5)
     assert np.abs(near.x - centre).max() <= 0.01 + 1e-9
+    made.tell(near, *made.problem.function(near.x))
+    search._stalled, search.region = 10, type(search.region)(0.01)
+    centre = made.trials.x[made.centre_row()]
+    far = np.abs(made.ask(5).x - centre).max(axis=1)
+    assert far[0] <= 0.01 + 1e-9
+    assert far[1:].max() > 0.05
 
 
 def test_a_lucky_trial_is_not_the_incumbent() -> None:

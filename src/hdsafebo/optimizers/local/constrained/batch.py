@@ -33,8 +33,7 @@ class Batch:
         incumbent: (d,) around which it looks.
         margins: the safe set.
         posteriors: of all functions; the objective is told its own mean at points that are chosen or open.
-        candidates: (k, d), inside the box.
-        reach: half side of the box around the incumbent.
+        candidates: (k, d).
         rng: source of randomness.
         chosen: points so far.
     """
@@ -43,7 +42,6 @@ class Batch:
     margins: SafeMargins
     posteriors: Posteriors
     candidates: FloatArray
-    reach: float
     rng: np.random.Generator
     chosen: list[FloatArray] = field(default_factory=list)
 
@@ -67,17 +65,19 @@ class Batch:
                 self._add(points[slack.min(axis=0).argmax()])
                 return
 
-    def climb(self, kappa: float) -> None:
+    def climb(self, kappa: float, reach: float) -> None:
         """Add the end of an ascent of mean + kappa * deviation, away from all known points.
 
         Args:
             kappa: at first; it grows while the ascent ends where something is known.
+            reach: half side of the box of this ascent.
         """
-        lower, upper = box_around(self.incumbent, self.reach)
-        mean, deviation = (v[0] for v in self.posteriors.over(self._safe, slice(1)))
+        lower, upper = np.maximum(0.0, self.incumbent - reach), np.minimum(1.0, self.incumbent + reach)
+        inside = self._safe[(np.abs(self._safe - self.incumbent) <= reach + 1e-12).all(axis=1)]
+        mean, deviation = (v[0] for v in self.posteriors.over(inside, slice(1)))
         starts = [self.incumbent]
         for _ in range(1 + _RETRIES):
-            best = self._safe[np.argsort(-(mean + kappa * deviation), kind="stable")]
+            best = inside[np.argsort(-(mean + kappa * deviation), kind="stable")]
             climb = Climb(self.posteriors, self.margins, kappa)
             point = climb.from_starts([*best[:1], *starts], lower, upper)
             if point is not None and self.fresh(point[None])[0]:
@@ -103,27 +103,23 @@ class Batch:
         self.posteriors = self.posteriors.believing(point[None])
 
 
-def box_around(centre: FloatArray, reach: float) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper corner (d,) of the box around (d,) a centre, within the unit cube."""
-    return np.maximum(0.0, centre - reach), np.minimum(1.0, centre + reach)
-
-
 def candidates_around(
-    incumbent: FloatArray, good: FloatArray, reach: float, rng: np.random.Generator
+    incumbent: FloatArray, good: FloatArray, near: float, box: float, rng: np.random.Generator
 ) -> FloatArray:
     """(k, d) points: good ones, uniform ones in a box, steps from good ones, and steps along some axes.
 
     Args:
         incumbent: (d,).
         good: (g, d) the best trials.
-        reach: half side of the box; steps are at most that long.
+        near: half side of the present region; steps are at most that long.
+        box: half side of the box of the uniform ones.
         rng: source of randomness.
     """
     d, m = len(incumbent), _CANDIDATES // 3
-    lower, upper = box_around(incumbent, reach)
+    lower, upper = np.maximum(0.0, incumbent - box), np.minimum(1.0, incumbent + box)
 
     def length() -> FloatArray:
-        return reach * np.exp(rng.uniform(np.log(_NEAREST), np.log(_FARTHEST), (m, 1)))
+        return near * np.exp(rng.uniform(np.log(_NEAREST), np.log(_FARTHEST), (m, 1)))
 
     uniform = lower + (upper - lower) * rng.random((m, d))
     steps = good[np.arange(m) % len(good)] + length() * rng.standard_normal((m, d)) / np.sqrt(d)

@@ -12,7 +12,7 @@ A round, in five steps:
 4. After each, the objective is told its own mean there, so that the next looks elsewhere. The safety
    functions are told nothing: that would walk out of the safe set on imagined evidence.
 5. All this happens in a box around the incumbent that doubles after a round without a violation and halves
-   after one with it.
+   after one with it. While nothing is gained, all trials but the first look in the whole cube.
 
 The very first round only probes, at distances over orders of magnitude: what is near the incumbent tells the
 length scales.
@@ -41,7 +41,7 @@ from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
 _BATCH = 5
-"""Trials that single ones are counted as a round of, for probes and kappas."""
+"""Trials that single ones are counted as a round of, for probes, kappas and stalls."""
 _KAPPAS = (0.0, 1.0, 2.0)
 """Deviations that the first trials of a round add to the mean; the others add up to the last."""
 _KEPT = 0.3
@@ -52,6 +52,12 @@ _PROBES = (1e-3, 2e-2)
 """Distances of the first round, in median distances of the initial data."""
 _CENTRES = 8
 """Best trials that candidates lie around."""
+_STALLED_ROUNDS = 2
+"""Without gain, after which trials look everywhere."""
+_GAIN = 3e-3
+"""Of the safe objectives' deviation; less is no gain."""
+_FAR = 2.0
+"""Factor of kappa while nothing is gained."""
 
 
 class ConstrainedSearch(RegionSearch):
@@ -68,6 +74,8 @@ class ConstrainedSearch(RegionSearch):
         super().__init__(optimizer)
         self.active = np.flatnonzero(optimizer.space.width > 0)
         self.expectations = Expectations(sum(s.modelled for s in optimizer.problem.safety))
+        self._best = -np.inf
+        self._stalled = 0
 
     # --- what the model sees
 
@@ -124,15 +132,15 @@ class ConstrainedSearch(RegionSearch):
     def propose(self, n: int) -> Proposal:
         """Probes first, then constrained ascents."""
         asked = int((self.trials.round > 0).sum())
-        batch = self._begin()
+        batch = self._begin(n)
         if asked < _BATCH:
             for distance in self._probes(n)[asked : asked + n]:
                 batch.probe(distance)
         for i in range(len(batch.chosen), n):
-            batch.climb(self._kappa((asked + i) % max(n, _BATCH)))
+            batch.climb(*self._plan((asked + i) % max(n, _BATCH), n))
         return self._finish(batch, n)
 
-    def _begin(self) -> Batch:
+    def _begin(self, n: int) -> Batch:
         """What the trials of a round share."""
         row = self.optimizer.centre_row()
         model, trials = self.model, self.trials
@@ -140,13 +148,15 @@ class ConstrainedSearch(RegionSearch):
         at = np.flatnonzero(rows == row)
         inputs = np.clip(self.kernel_inputs(trials), 0.0, 1.0)
         open_trials = (trials.status == Status.PENDING) | (trials.status == Status.FAILED)
-        good, reach = self.best_first(self.own)[:_CENTRES], self.region.length
+        good = self.best_first(self.own)[:_CENTRES]
+        box = 1.0 if self._stuck(n) else self.region.length
         return Batch(
             inputs[row],
             self._margins(int(at[0])),
             model.posteriors.believing(inputs[open_trials]),
-            candidates_around(inputs[row], inputs[good if len(good) else [row]], reach, self.rng),
-            reach,
+            candidates_around(
+                inputs[row], inputs[good if len(good) else [row]], self.region.length, box, self.rng
+            ),
             self.rng,
         )
 
@@ -169,9 +179,16 @@ class ConstrainedSearch(RegionSearch):
         typical = float(np.median(pdist(known))) if len(known) > 1 else 0.0
         return np.geomspace(*_PROBES, max(n, _BATCH)) * (typical or 1.0)
 
-    def _kappa(self, place: int) -> float:
-        """Kappa of the trial at a place of the round."""
-        return _KAPPAS[place] if place < len(_KAPPAS) else _KAPPAS[-1] * self.rng.random()
+    def _stuck(self, n: int) -> bool:
+        """Whether nothing has been gained for some rounds."""
+        return self._stalled >= _STALLED_ROUNDS * max(n, _BATCH)
+
+    def _plan(self, place: int, n: int) -> tuple[float, float]:
+        """Kappa and reach of the trial at a place of the round."""
+        kappa = _KAPPAS[place] if place < len(_KAPPAS) else _KAPPAS[-1] * self.rng.random()
+        if place == 0 or not self._stuck(n):
+            return kappa, self.region.length
+        return _FAR * max(kappa, 0.5), 1.0
 
     def _finish(self, batch: Batch, n: int) -> Proposal:
         """The proposal; what is missing are the most probably safe candidates."""
@@ -194,13 +211,21 @@ class ConstrainedSearch(RegionSearch):
         violated = bool((promised & ~self.optimizer.feasible[trials.id]).any())
         if (self.trials.round[: trials.id[0]] > 0).sum() >= _BATCH:  # no probe
             self.region = safe_update(self.region, not violated, self.rule)
+        values = self.trials.objective[self.own]
+        best = values.max(initial=-np.inf)
+        gained = len(values) and (np.isinf(self._best) or best - self._best > _GAIN * values.std())
+        self._stalled = 0 if gained else self._stalled + len(trials)
+        self._best = float(best)
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """With expectations."""
+        """With expectations, and how long nothing was gained."""
         state, _ = super().state()
-        return state, self.expectations.arrays()
+        best = float(self._best) if np.isfinite(self._best) else None
+        return state | {"best": best, "stalled": self._stalled}, self.expectations.arrays()
 
     def restore(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take back what `state` gave."""
         super().restore(state, arrays)
+        self._best = -np.inf if state["best"] is None else state["best"]
+        self._stalled = state["stalled"]
         self.expectations.restore(arrays)
