@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -172,6 +174,26 @@ def test_a_killed_campaign_continues_where_it_was(tmp_path: Path, kills: int) ->
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("hdsafebo.campaign.item.run", toys.run_toy)
         compute(tmp_path / "undisturbed", trials=trials, seconds=0.02)
+    assert_same_file(without_times(root), without_times(tmp_path / "undisturbed"))
+
+
+def test_an_interrupted_campaign_ends_after_its_rounds_and_continues(tmp_path: Path) -> None:
+    """A terminal sends Ctrl-C to every process; the workers leave it to the one that leads them."""
+    (tmp_path / "campaign.py").write_text(CAMPAIGN.replace("seconds=", "trials=200, seconds="))
+    root = tmp_path / "interrupted"
+    command = [sys.executable, str(tmp_path / "campaign.py"), str(root)]
+    leader = subprocess.Popen(
+        command, env=environment(), start_new_session=True, stderr=subprocess.PIPE, text=True
+    )
+    wait_for(lambda: journalled(root) > 3000, "the campaign made no progress")
+    os.killpg(leader.pid, signal.SIGINT)
+    _, said = leader.communicate(timeout=60)
+    assert leader.returncode != 0
+    assert said.count("KeyboardInterrupt") == 1, f"only the leader is interrupted: {said}"
+    subprocess.run(command, env=environment(), check=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("hdsafebo.campaign.item.run", toys.run_toy)
+        compute(tmp_path / "undisturbed", trials=200, seconds=0.02)
     assert_same_file(without_times(root), without_times(tmp_path / "undisturbed"))
 
 

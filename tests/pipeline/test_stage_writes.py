@@ -48,3 +48,19 @@ def test_a_stage_that_cannot_write_says_where(
     assert str(tmp_path / "data" / name) in printed
     assert "File too large" in printed or "1234 written" in printed  # what np.save says
     assert "Traceback" not in printed
+
+
+def test_an_interrupted_stage_says_that_it_can_go_on(
+    tmp_path: Path, project_root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "params.yaml").write_bytes((project_root / "params.yaml").read_bytes())
+
+    def main(stage: Stage) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(SystemExit) as end:
+        run_stage("test", main, argv=["--root", str(tmp_path)])
+    printed = capsys.readouterr().err
+    assert end.value.code == 130
+    assert "stage test was interrupted; finished rounds of its runs are kept: start it again" in printed
+    assert "Traceback" not in printed

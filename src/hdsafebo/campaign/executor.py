@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -142,6 +143,20 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ[variable] = value
 
 
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Have processes that start within the block never see Ctrl-C, which this one sees after the block.
+
+    A terminal sends it to all processes. Workers leave it to the one that leads them, which has their runs
+    end after the round. A process inherits what its parent holds back, from its first instruction on.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def collect(
     executor: Executor,
     function: Callable[[Item], Result],
@@ -157,11 +172,12 @@ def collect(
     jobs: dict[Future[Result], Item] = {}
     lost: list[Item] = []
     try:
-        for item in items:
-            try:
-                jobs[executor.submit(single_threaded, function, item)] = item
-            except BrokenProcessPool:
-                lost.append(item)
+        with _interrupts_held():
+            for item in items:
+                try:
+                    jobs[executor.submit(single_threaded, function, item)] = item
+                except BrokenProcessPool:
+                    lost.append(item)
         pending = set(jobs)
         while pending:
             done, pending = wait(pending, timeout=_POLL_S, return_when=FIRST_COMPLETED)

@@ -189,9 +189,7 @@ class RunJournal:
             intact = digest_file(path) == expected
         except OSError as error:
             what = "is missing" if isinstance(error, FileNotFoundError) else error.strerror
-            raise JournalError(
-                f"{path}: {what}; remove {self.directory} to compute the run again"
-            ) from None
+            raise JournalError(f"{path}: {what}; remove {self.directory} to compute the run again") from None
         if not intact:
             raise JournalError(f"{path}: is damaged; remove {self.directory} to compute the run again")
         self._keep_state(path)

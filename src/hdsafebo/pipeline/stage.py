@@ -23,6 +23,7 @@ from hdsafebo.pipeline.tracking import Tracker, track_stage
 _LOG = logging.getLogger(__name__)
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 COSTS_FILE = ".journal/stage_costs.jsonl"
 
 
@@ -130,6 +131,9 @@ def _run(
             reason,
         )
         raise SystemExit(EXIT_FAILED) from None
+    except KeyboardInterrupt:
+        _LOG.error("stage %s was interrupted; finished rounds of its runs are kept: start it again", name)
+        raise SystemExit(EXIT_INTERRUPTED) from None
     seconds = time.perf_counter() - start
     _record_cost(root, params.profile, name, arguments, seconds)
     _LOG.info("%s: done in %.1f s", name, seconds)
