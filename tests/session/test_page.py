@@ -124,6 +124,38 @@ def test_a_step_that_fires_twice_is_done_once(bench: Served) -> None:
     assert bench.status()["head"]["seq"] == seen["head"]["seq"] + 1
 
 
+def test_a_step_is_refused_when_another_program_acts_between_its_look_and_the_step(
+    bench: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page has found the log as the person saw it, and then it moves on."""
+    other = Session.open(bench.page._viewer.store.directory)
+    acts = {"note": lambda: other.note("bob", "meanwhile"), "stop": lambda: other.stop("bob", "it hurts")}
+    look, act = bench.page._refresh, "note"
+
+    def look_and_act(session: Session) -> None:
+        look(session)
+        if session is bench.page._worker:
+            acts[act]()
+
+    monkeypatch.setattr(bench.page, "_refresh", look_and_act)
+    bodies: dict[str, Any] = {
+        "note": {"text": "x"},
+        "target": {"target": "economy"},
+        "manual": {"point": {"values": [0.5, 0.5, 0.0]}, "reason": ""},
+        "suggest": {},
+    }
+    for step, body in bodies.items():
+        code, result = bench.step(step, **body)
+        assert code == 409, step
+        assert "moved on" in result["error"]
+    other.stop("bob", "a break")
+    for act in ("note", "stop"):
+        assert bench.step("resume")[0] == 409
+    assert bench.status()["stopped"] == "it hurts"
+    kinds = [e.kind for e in Session.open(other.store.directory).entries]
+    assert set(kinds) == {"created", "noted", "stopped"}
+
+
 def test_stop_works_without_having_seen_the_latest(bench: Served) -> None:
     assert bench.post("stop", {"who": "patient", "head": "old", "reason": "it hurts"}) == (200, {})
     assert bench.status()["stopped"] == "it hurts"

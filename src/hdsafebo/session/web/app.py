@@ -146,7 +146,8 @@ class Page:
                 if head is None or body.get("head") != head.hash:
                     raise MovedOnError("the session has moved on: look again, then decide")
                 self._require_not_halted(name, "")
-                act(body)
+                with self._worker.seen_at(head.hash):
+                    act(body)
                 self._require_not_halted(name, ": do not deliver this trial, close it as not delivered")
 
         return run
@@ -164,10 +165,14 @@ class Page:
 
     def _resume(self, body: Body) -> None:
         """Go on; a stop that could not be kept on the disk is written into the log first."""
-        halt = self._halted
+        halt, known = self._halted, len(self._worker.entries)
         if halt is not None and not halt.token:
             self._worker.stop(body["who"], halt.reason)
-        self._worker.resume(body["who"])
+        added = self._worker.entries[known:]
+        if len(added) > 1:
+            raise MovedOnError("the session was stopped again meanwhile: look, then resume")
+        with self._worker.seen_at(added[-1].hash if added else body["head"]):
+            self._worker.resume(body["who"])
         if self._halted is halt:  # nobody pressed again meanwhile
             self._halted = None
 
