@@ -24,6 +24,7 @@ from hdsafebo.session.session import Session
 from hdsafebo.session.views.believed import believed_best
 from hdsafebo.session.web.app import Page, _refusal
 from hdsafebo.session.web.guard import Guard, is_loopback
+from hdsafebo.session.web.server import address, listening
 from tests.session.browser import CHROMIUM, DRIVER, Browser, free_port, wait_for
 from tests.session.small import bowl
 
@@ -398,6 +399,27 @@ def test_a_page_that_others_reach_needs_its_token(make_session: Any) -> None:
         assert served.get("/api/status", Cookie="hdsafebo_session=secret-token")[0] == 200
     finally:
         served.stop()
+
+
+def test_an_address_is_one_that_a_browser_opens_and_a_wrong_one_is_refused_in_words() -> None:
+    assert address("::1", 8765, None) == "http://[::1]:8765/"
+    assert address("bench", 80, "t") == "http://bench:80/?token=t"
+    (first,) = listening("127.0.0.1", 0)
+    with first:
+        port = first.getsockname()[1]
+        assert port > 0
+        first.listen()
+        wrong = [
+            ("127.0.0.1", port),
+            ("127.0.0.1", 99999),
+            ("no such.invalid", 80),
+            ("a" * 70 + ".invalid", 80),
+        ]
+        for host, number in wrong:
+            with pytest.raises(SessionError, match="the page cannot listen on http"):
+                listening(host, number)
+    for one in listening("localhost", 0):
+        one.close()
 
 
 def test_what_counts_as_this_computer() -> None:
