@@ -8,12 +8,13 @@ import socket
 import threading
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import uvicorn
+from starlette.requests import Request
 
 from hdsafebo.session.create import create_session
 from hdsafebo.session.errors import SessionError
@@ -21,8 +22,9 @@ from hdsafebo.session.patient.month import answer, simulated_patient
 from hdsafebo.session.patient.responses import Responses
 from hdsafebo.session.session import Session
 from hdsafebo.session.views.believed import believed_best
-from hdsafebo.session.web.app import Page
-from hdsafebo.session.web.guard import is_loopback
+from hdsafebo.session.web.app import Page, _refusal
+from hdsafebo.session.web.guard import Guard, is_loopback
+from hdsafebo.session.web.server import address, listening
 from tests.session.browser import CHROMIUM, DRIVER, Browser, free_port, wait_for
 from tests.session.small import bowl
 
@@ -122,6 +124,39 @@ def test_a_step_that_fires_twice_is_done_once(bench: Served) -> None:
         t.join()
     assert sorted(codes) == [200] + [409] * 7
     assert bench.status()["head"]["seq"] == seen["head"]["seq"] + 1
+
+
+def test_a_step_is_refused_when_another_program_acts_between_its_look_and_the_step(
+    bench: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page has found the log as the person saw it, and then it moves on."""
+    other = Session.open(bench.page._viewer.store.directory)
+    look = bench.page._refresh
+    acts: list[Callable[[], object]] = [lambda: other.note("bob", "meanwhile")]
+
+    def look_and_act(session: Session) -> None:
+        look(session)
+        if session is bench.page._worker:
+            acts[-1]()
+
+    monkeypatch.setattr(bench.page, "_refresh", look_and_act)
+    bodies: dict[str, Any] = {
+        "note": {"text": "x"},
+        "target": {"target": "economy"},
+        "manual": {"point": {"values": [0.5, 0.5, 0.0]}, "reason": ""},
+        "suggest": {},
+    }
+    for step, body in bodies.items():
+        code, result = bench.step(step, **body)
+        assert code == 409, step
+        assert "moved on" in result["error"]
+    other.stop("bob", "a break")
+    assert bench.step("resume")[0] == 409
+    acts.append(lambda: other.stop("bob", "it hurts"))
+    assert bench.step("resume")[0] == 409
+    assert bench.status()["stopped"] == "it hurts"
+    kinds = [e.kind for e in Session.open(other.store.directory).entries]
+    assert set(kinds) == {"created", "noted", "stopped"}
 
 
 def test_stop_works_without_having_seen_the_latest(bench: Served) -> None:
@@ -280,6 +315,77 @@ def test_other_sites_and_foreign_names_are_turned_away(bench: Served) -> None:
     assert bench.get("/static/../app.py")[0] == 404
 
 
+@pytest.mark.parametrize(
+    "host",
+    [
+        'a"b.example',
+        "a`b.example",
+        "a{b}.example",
+        "localhost@evil.example",
+        "localhost/evil.example",
+        "localhost#.evil.example",
+        "[evil.example]",
+        "localhost.evil.example",
+        "evil.example:99999",
+        "127.0.0.1:8765:8765",
+        "",
+        None,
+    ],
+)
+def test_a_name_that_cannot_be_read_is_a_foreign_one(bench: Served, host: str | None) -> None:
+    """The library takes it for the server's own, and some of these a browser would look up."""
+    named = "" if host is None else f"Host: {host}|"
+    for line in (
+        "GET /api/status HTTP/1.0|",
+        "GET / HTTP/1.0|",
+        "POST /api/note HTTP/1.0|X-Session-Page: 1|",
+    ):
+        with socket.create_connection(("127.0.0.1", bench.port), 10) as wire:
+            wire.sendall(f"{line}{named}|".replace("|", "\r\n").encode())
+            answer_ = wire.makefile("rb").read()
+        assert b" 403 " in answer_.splitlines()[0] or b" 400 " in answer_.splitlines()[0]
+        assert b"bench" not in answer_
+    for good in ("localhost", "LOCALHOST:1", "127.0.0.1", f"[::1]:{bench.port}"):
+        assert bench.get("/api/status", Host=good)[0] == 200
+
+
+def test_a_token_leads_to_this_page_only(make_session: Any) -> None:
+    guard = Guard(lambda *_: None, "secret")  # type: ignore[arg-type,return-value]
+    scope = {"type": "http", "method": "GET", "headers": [], "query_string": b"token=secret"}
+    answer_ = guard._refusal(Request(scope | {"path": "//evil.example/x"}))
+    assert answer_ is not None
+    assert answer_.headers["location"] == "/evil.example/x"
+
+
+def test_every_answer_says_in_words_what_is_wrong(bench: Served, capfd: pytest.CaptureFixture[str]) -> None:
+    """Halves of characters, which JSON can name and UTF-8 cannot write; and a session that is gone."""
+    head = bench.status()["head"]["hash"].encode()
+    half = b'"\\ud800"'
+    bodies = {
+        "look": b'{"point": {' + half + b": 1}}",
+        "manual": b'{"who": "a", "head": "' + head + b'", "reason": "", "point": {' + half + b": 1}}",
+        "note": b'{"who": "a", "head": "' + head + b'", "text": [[{' + half + b": 1}]]}",
+        "target": b'{"who": "a", "head": "' + head + b'", "target": 1e400}',
+    }
+    for step, body in bodies.items():
+        code, result = bench.post(step, body)
+        assert (code, list(result)) == (422, ["error"])
+    assert bench.post("stop", b'{"who": "ann", "reason": "it hurts \\ud83d"}')[0] == 200
+    assert bench.status()["stopped"] == "it hurts"
+    directory = bench.page._viewer.store.directory
+    directory.rename(directory.with_name("gone"))
+    for path in ("status", "course.svg", "calibration.svg"):
+        code, text = bench.get(f"/api/{path}")
+        assert code == 422
+        assert "is not there any more" in json.loads(text)["error"]
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+def test_an_answer_is_written_though_a_folder_has_a_name_that_is_no_utf_8() -> None:
+    answer_ = _refusal(SessionError("/home/\udcff/s: is gone"))
+    assert json.loads(bytes(answer_.body)) == {"error": "/home/?/s: is gone"}
+
+
 def test_a_page_that_others_reach_needs_its_token(make_session: Any) -> None:
     session = make_session()
     session.close()
@@ -293,6 +399,27 @@ def test_a_page_that_others_reach_needs_its_token(make_session: Any) -> None:
         assert served.get("/api/status", Cookie="hdsafebo_session=secret-token")[0] == 200
     finally:
         served.stop()
+
+
+def test_an_address_is_one_that_a_browser_opens_and_a_wrong_one_is_refused_in_words() -> None:
+    assert address("::1", 8765, None) == "http://[::1]:8765/"
+    assert address("bench", 80, "t") == "http://bench:80/?token=t"
+    (first,) = listening("127.0.0.1", 0)
+    with first:
+        port = first.getsockname()[1]
+        assert port > 0
+        first.listen()
+        wrong = [
+            ("127.0.0.1", port),
+            ("127.0.0.1", 99999),
+            ("no such.invalid", 80),
+            ("a" * 70 + ".invalid", 80),
+        ]
+        for host, number in wrong:
+            with pytest.raises(SessionError, match="the page cannot listen on http"):
+                listening(host, number)
+    for one in listening("localhost", 0):
+        one.close()
 
 
 def test_what_counts_as_this_computer() -> None:

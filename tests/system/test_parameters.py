@@ -42,7 +42,7 @@ def test_log_makes_ratios_distances() -> None:
 
 def test_steps_end_within_the_range() -> None:
     part = Real("s", 0, 1, step=0.3)
-    assert part.decode(np.linspace(0, 1, 101)[:, None]).max() == pytest.approx(0.9)
+    assert part.decode(part.land(np.linspace(0, 1, 101)[:, None])).max() == pytest.approx(0.9)
     assert part.beside(0.9) == [pytest.approx(0.6)]
     assert Choice("c", ["x", "y", "z"]).beside(1.0) == [0.0, 2.0]
     assert Choice("o", [1, 2, 4], ordered=True).beside(0.0) == [1.0]
@@ -91,6 +91,21 @@ def test_what_was_set_between_steps_is_taken_but_no_list_may_hold_it() -> None:
     assert part.check([2.5]).tolist() == [2.5]
     with pytest.raises(TableError, match=r"n is 2\.5; expected 0 plus a multiple of 1"):
         part.check([2.5], exact=True)
+
+
+@pytest.mark.parametrize(
+    ("part", "values"),
+    [
+        (Real("a", -30, 30, step=0.5), [0.3, -29.9, 0.5]),
+        (Real("a", 0.5, 40, step=0.5, log=True), [0.71, 39.9, 12.5]),
+        (Integer("a", 0, 5), [2.5, 0.25, 3]),
+        (Integer("a", 0, 100, step=5), [7, 99.5, 15]),
+    ],
+)
+def test_what_was_set_between_steps_is_shown_as_it_was_set(part: Real, values: list[float]) -> None:
+    decoded = part.decode(part.encode(part.check(values)))
+    assert [part.python(v) for v in decoded] == pytest.approx(values, rel=1e-12)
+    assert isinstance(part.python(decoded[-1]), int if isinstance(part, Integer) else float)
 
 
 def test_choices_of_numbers_survive_a_column_of_floats() -> None:

@@ -18,9 +18,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hdsafebo import Limit, Linear, Objective, Real, Study
+from hdsafebo import Limit, Linear, Objective, Real, Study, System
 from hdsafebo.errors import ParamsError
+from hdsafebo.optimizers.core.identity import fingerprint
 from hdsafebo.system.errors import StudyError
+from hdsafebo.system.problem import SystemProblem
 from system.small import box_starts, box_system, mixed_starts, mixed_system, run_box, run_mixed
 
 _WORKER = """
@@ -315,3 +317,20 @@ def test_csv(tmp_path: Path) -> None:
     other = Study(box_system())
     other.observe(read[["a", "b", "gain", "load"]])
     assert len(other) == len(study)
+
+
+def test_what_tells_a_list_from_others_does_not_depend_on_the_context_of_the_day() -> None:
+    """A saved list was taken for another one as soon as a context was held."""
+    system = System(
+        name="list",
+        parameters=[Real("speed", 0.1, 1.5)],
+        objective=Objective("way"),
+        limits=[Limit("sway", at_most=25)],
+        contexts=[Real("load", 0, 5)],
+        settings={"speed": [0.1, 0.2, 0.3]},
+    )
+    problem = SystemProblem(system)
+    assert problem.candidates is not None
+    before = fingerprint(problem.candidates)
+    problem.candidates.hold(np.array([0.8]))
+    np.testing.assert_array_equal(fingerprint(problem.candidates), before)

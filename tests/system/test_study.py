@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hdsafebo import Limit, Objective, Real, Study
+from hdsafebo import Limit, Objective, Real, Study, System
 from hdsafebo.errors import NoSafePointError, OptimisticWarning, ParamsError, ProblemError, TrialError
+from hdsafebo.system import beliefs
 from hdsafebo.system.errors import DescriptionError, TableError
 from system.small import (
     box_starts,
@@ -397,3 +398,85 @@ def test_a_suggestion_of_another_study_is_not_told_here() -> None:
     here.tell(changed, {"gain": 1.0, "load": 1.0}, ran={"a": 9.0})
     assert here.to_dataframe().loc[ours.trial, "a"] == 9.0
     here.tell(ours, {"gain": 1.0, "load": 1.0}, ran={"a": 9.0})
+
+
+def test_every_view_shows_what_was_set_between_steps_and_believes_the_same_of_it() -> None:
+    """History, best, safest and `predict` speak of one point: that which was run, not of the nearest step."""
+    study = Study(mixed_system(), alpha=0.95)
+    study.observe(mixed_starts())
+    by_hand = {"frequency": 20.0, "angle": 4.7, "pulses": 4.5, "pad": "ribbed", "load": 1.0}
+    study.observe([by_hand | run_mixed(by_hand, by_hand)])
+    asked = study.ask(context={"load": 1.0})
+    study.tell(asked, run_mixed(asked.setting, {"load": 1.1}), ran={"angle": 0.3, "load": 1.1})
+
+    history = study.to_dataframe()
+    for name, value in by_hand.items():
+        assert history.loc[20, name] == value
+    assert history.loc[asked.trial, "angle"] == pytest.approx(0.3, abs=1e-12)
+    again = history.loc[[asked.trial], [*study.system.inputs, *study.system.outcomes]]
+    study.tell(again)  # the same result: what is shown is what was told
+    stored = beliefs.predict(study.optimizer, study.optimizer.trials.x)
+    shown = study.predict(history[[n for n in study.system.inputs if n != "gap"]])
+    np.testing.assert_allclose(shown, stored, rtol=0, atol=1e-9)
+    for context in (None, {"load": 1.0}):
+        best = study.best(context=context)
+        assert best is not None
+        for view in (best.measured, best.believed, study.safest(context=context)):
+            assert view is not None
+            row = study.predict([view.setting]).iloc[0]
+            seen = [row["error"], row["error_sd"], row["safe_probability"]]
+            np.testing.assert_allclose(seen, [view.mean, view.sd, view.safe_probability], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("context", "message"),
+    [
+        ({"load": [1.0, 4.0]}, "the context has 2 values of 'load'; expected one"),
+        ({"load": []}, "the context has 0 values of 'load'; expected one"),
+        ([1.0], "the context is list; expected values by name"),
+        (1.0, "the context is float; expected values by name"),
+    ],
+)
+def test_a_context_has_one_value_of_each(mixed: Study, context: Any, message: str) -> None:
+    """Of two loads the first was taken, and nothing said."""
+    setting = {"frequency": 3.0, "angle": 0.0, "pulses": 2, "pad": "soft"}
+    for call in (mixed.ask, mixed.best, mixed.safest, mixed.expected_gain):
+        with pytest.raises(TableError, match=message):
+            call(context=context)
+    with pytest.raises(TableError, match=message):
+        mixed.predict([setting], context=context)
+
+
+@pytest.mark.parametrize("ran", [{"angle": [1.0, 2.0]}, {"angle": []}, [1.0]])
+def test_what_was_run_instead_has_one_value_of_each(mixed: Study, ran: Any) -> None:
+    asked = mixed.ask(context={"load": 1.0})
+    with pytest.raises(TableError, match=r"ran (has|is)"):
+        mixed.tell(asked, run_mixed(asked.setting, asked.context), ran=ran)
+    assert mixed.pending().index.tolist() == [asked.trial]
+
+
+def test_a_context_is_given_once_and_is_a_context(mixed: Study) -> None:
+    setting = {"frequency": 3.0, "angle": 0.0, "pulses": 2, "pad": "soft"}
+    with pytest.raises(TableError, match="'load' is in the table and in the context"):
+        mixed.predict([setting | {"load": 4.0}], context={"load": 1.0})
+    del setting["angle"]
+    with pytest.raises(TableError, match="the context has 'angle'"):
+        mixed.predict([setting], context={"load": 1.0, "angle": 0.0})
+
+
+def test_nothing_is_gained_from_a_list_that_was_tried_whole() -> None:
+    speeds = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    system = System(
+        name="list",
+        parameters=[Real("speed", 0.1, 1.5)],
+        objective=Objective("way"),
+        limits=[Limit("sway", at_most=25)],
+        settings={"speed": speeds},
+    )
+    study = Study(system, alpha=0.9)
+    study.observe([{"speed": v, "way": v, "sway": 1 + v} for v in speeds[:-1]])
+    assert study.expected_gain() > 0
+    study.observe([{"speed": speeds[-1], "way": 0.6, "sway": 1.6}])
+    assert study.expected_gain() == 0.0
+    with pytest.raises(TrialError, match="all 6 candidates"):
+        study.ask()

@@ -157,7 +157,7 @@ def _values(parameter: Parameter, most: int) -> list[Any]:
     if isinstance(parameter, Choice):
         return list(parameter.values)
     assert isinstance(parameter, Real)
-    columns = np.linspace(0.0, 1.0, most)[:, None]
+    columns = parameter.land(np.linspace(0.0, 1.0, most)[:, None])
     return [parameter.python(v) for v in np.unique(parameter.decode(columns))]
 
 

@@ -11,7 +11,8 @@ This is research software, not a medical device.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,7 @@ class Session:
         self.state = State()
         self._entries: list[Entry] = []
         self._waiting: list[Stop] = []
+        self._seen: str | None = None  # see `seen_at`
         entries = store.read()
         if not entries:
             raise SessionError(
@@ -99,6 +101,7 @@ class Session:
         person = checked_name(who)
         for _ in range(_ATTEMPTS):
             self.refresh()
+            self._require_as_seen()
             require_same_limits(self.state.source, self.state.definition)
             require_idle(self.state, "suggest")
             if self.state.open_suggestion is not None:
@@ -214,9 +217,16 @@ class Session:
         return not self._waiting
 
     def resume(self, who: str) -> None:
-        """Go on after a stop; steps are limited from the start values again."""
-        person = checked_name(who)
+        """Go on after a stop; steps are limited from the start values again.
+
+        Raises:
+            MovedOnError: somebody stopped the session since it was looked at here: nobody goes on over a stop
+                that he has not seen.
+        """
+        person, seen = checked_name(who), self._stops()
         self.refresh()
+        if self._stops() != seen:
+            raise MovedOnError(f"the session was stopped again meanwhile ({self.stopped}): look, then resume")
         self._append(person, "resumed", {})
 
     def switch_target(self, who: str, target: str) -> None:
@@ -263,6 +273,19 @@ class Session:
     def entries(self) -> Sequence[Entry]:
         """The log as far as it was read."""
         return self._entries
+
+    @contextmanager
+    def seen_at(self, head: str) -> Iterator[None]:
+        """Steps within are refused when the log has moved on from what the person saw.
+
+        Args:
+            head: hash of the entry that was the last one.
+        """
+        before, self._seen = self._seen, head
+        try:
+            yield
+        finally:
+            self._seen = before
 
     def refresh(self) -> None:
         """Take in what others have appended to the log, and stops that wait for their place in it."""
@@ -355,20 +378,32 @@ class Session:
 
         Raises:
             StoppedError: the session was stopped while a trial was being started.
+            MovedOnError: the log is not where the person saw it.
         """
+        self._require_as_seen()
         if kind in STARTING and self._waiting:
             raise StoppedError(
                 f"the session is stopped ({self.stopped}); it can be resumed when the log can be written"
             )
         self._rules.check(self.state, kind, payload)
         self.store.append(self.state.head, person, kind, payload, files)
-        self._take(self.store.read())
-        if kind in _DELIVERING and pending(self.store.directory):
+        waiting = kind in _DELIVERING and bool(pending(self.store.directory))
+        self._take(self.store.read())  # after the look: a stop that waits no more is in the log
+        if kind in _DELIVERING and (waiting or self.state.stopped is not None):
             self.refresh()
             raise StoppedError(
                 f"STOP was pressed meanwhile: do not deliver trial {len(self.state.trials)}; "
                 "close it as not delivered"
             )
+
+    def _require_as_seen(self) -> None:
+        """MovedOnError when somebody appended behind what the person saw; see `seen_at`."""
+        if self._seen is not None and (self.state.head is None or self.state.head.hash != self._seen):
+            raise MovedOnError("the session has moved on: look again, then decide")
+
+    def _stops(self) -> set[str]:
+        """Tokens of all stops that are known here."""
+        return self.state.stops | {stop.token for stop in self._waiting}
 
     def _record(self, person: str, payload: dict[str, Any], files: Sequence[bytes]) -> LoggedTrial:
         trial = self.state.trials[payload["trial"] - 1]

@@ -104,14 +104,21 @@ def parse_assignments(words: list[str]) -> dict[str, float]:
     return values
 
 
-def parse_json(content: bytes) -> Any:
+def parse_json(content: bytes, *, writable: bool = True) -> Any:
     """Plain data from JSON.
 
+    Args:
+        content: UTF-8.
+        writable: refuse what could not be written as JSON again: halves of characters, numbers such as 1e400.
+
     Raises:
-        ProtocolError: no JSON, NaN or an infinity, or an object with a name twice.
+        ProtocolError: no JSON, NaN or an infinity, an object with a name twice, or not writable.
     """
     try:
-        return json.loads(content, object_pairs_hook=_once, parse_constant=_no_constant)
+        data = json.loads(content, object_pairs_hook=_once, parse_constant=_no_constant)
+        if writable:
+            json.dumps(data, allow_nan=False, ensure_ascii=False).encode()
+        return data
     except (ValueError, RecursionError):
         raise ProtocolError("expected JSON, every name once and finite numbers only") from None
 

@@ -241,7 +241,7 @@ def expected_gain(optimizer: Optimizer, context: FloatArray | None) -> float:
     rng = np.random.default_rng(0)
     found = best(optimizer, context)
     if problem.candidates is not None:
-        x = problem.candidates.inputs(np.arange(len(problem.candidates.features)))
+        x = problem.candidates.inputs(_untried(optimizer, context))
     else:
         x = sobol_points(_SPREAD, problem.codec.dimension, rng)
         if found is not None:
@@ -253,7 +253,7 @@ def expected_gain(optimizer: Optimizer, context: FloatArray | None) -> float:
     x = problem.land(x) if problem.lands else x
     inputs = optimizer.kernel_inputs(pending(optimizer, x))
     safe = surrogate.believed_safe(inputs, optimizer.confidence)
-    if not safe.any():
+    if not safe.any():  # or no row is left
         return 0.0
     mean, sd = surrogate.objective.predict(inputs[safe])
     if found is None:
@@ -261,3 +261,12 @@ def expected_gain(optimizer: Optimizer, context: FloatArray | None) -> float:
     sign = problem.codec.system.objective.sign
     u = (mean - sign * found.believed.mean) / sd
     return float((sd * (u * ndtr(u) + np.exp(-0.5 * u * u) / _SQRT_2PI)).max())
+
+
+def _untried(optimizer: Optimizer, context: FloatArray | None) -> IntArray:
+    """Rows of a list that `ask` may still suggest; under another context a row is another input."""
+    problem, trials = optimizer.problem, optimizer.trials
+    assert problem.candidates is not None
+    here = np.empty(0) if context is None else context
+    same = (trials.x[:, list(problem.contexts)] == here).all(axis=1)
+    return np.setdiff1d(np.arange(len(problem.candidates)), trials.candidate[same])

@@ -1,7 +1,7 @@
 """Between the user's values and the box [0, 1]^D that optimisers search.
 
 The columns of the box are those of the parameters, then those of the contexts. Where a point of the box can
-be run, decoding and encoding it gives the same point.
+be run, decoding and encoding it gives the same point, also where somebody set a value between steps.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class BoxCodec:
         points = []
         for part in self.system.parameters:
             columns = self.columns[part.name]
-            for value in part.beside(float(part.decode(x[None, columns])[0])):
+            for value in part.beside(float(part.decode(part.land(x[None, columns]))[0])):
                 point = x.copy()
                 point[columns] = part.encode(np.array([value]))[0]
                 points.append(point)

@@ -27,6 +27,8 @@ _SPARE = 3
 """Of twelve digits so many may be the same in the whole range: nine tell the values apart, as in the box."""
 _ON_STEP = 1e-6
 """Values off the nearest step by this share of a step are taken for rounding."""
+_LOST = 16 * float(np.finfo(float).eps)
+"""What a value loses on its way into the box and back, as a share of the largest one."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,12 @@ class Real:
         return np.clip((v - low) / (high - low), 0.0, 1.0)[:, None]
 
     def decode(self, columns: FloatArray) -> FloatArray:
-        """(n,) values of (n, 1) columns; values that can be set when the columns were landed."""
-        return self.land_values(self.between_steps(columns))
+        """(n,) values of (n, 1) columns: a step where one lies on it up to rounding, else what was set."""
+        values = self.between_steps(columns)
+        if self.spacing is None:
+            return values
+        landed = self.land_values(values)
+        return np.where(np.abs(landed - values) <= self._rounding, landed, values)
 
     def between_steps(self, columns: FloatArray) -> FloatArray:
         """(n,) values of (n, 1) columns, as if there were no steps."""
@@ -123,7 +129,7 @@ class Real:
 
     def land(self, columns: FloatArray) -> FloatArray:
         """(n, 1) nearest columns whose values can be set."""
-        return columns if self.spacing is None else self.encode(self.decode(columns))
+        return columns if self.spacing is None else self.encode(self.land_values(self.between_steps(columns)))
 
     def land_values(self, values: FloatArray) -> FloatArray:
         """(n,) nearest values that can be set."""
@@ -156,6 +162,13 @@ class Real:
         fine = 0 if self.spacing is None else self._whole_digits + self._step_decimals - _DIGITS
         digits = min(_DIGITS + max(narrow, fine - 1, 0), _EXACT)
         return min(max(float(f"{float(value):.{digits}g}"), self.lower), self.upper)
+
+    @property
+    def _rounding(self) -> float:
+        """How far from a step a value may lie that was on it before it went through the box."""
+        assert self.spacing is not None
+        ratio = math.log(self.upper / self.lower) if self.log else 1.0
+        return max(_ON_STEP * self.spacing, _LOST * (1.0 + ratio) * self._largest)
 
     @property
     def _largest(self) -> float:
@@ -197,9 +210,9 @@ class Integer(Real):
         """Distance between values that can be set."""
         return 1.0 if self.step is None else self.step
 
-    def python(self, value: Any) -> int:
-        """A decoded value as plain Python."""
-        return int(value)
+    def python(self, value: Any) -> float | int | str | bool:
+        """A decoded value as plain Python; a fraction that somebody set is no other number."""
+        return int(value) if float(value).is_integer() else super().python(value)
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,11 @@ class SettingsList:
         return len(self.settings)
 
     @property
+    def identifying(self) -> FloatArray:
+        """(N, D - c) what tells this list from others: the settings, whatever context is held."""
+        return self.settings
+
+    @property
     def features(self) -> FloatArray:
         """(N, D) inputs under the held context."""
         return self.inputs(np.arange(len(self.settings)))

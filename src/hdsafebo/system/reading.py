@@ -61,12 +61,46 @@ def context_columns(codec: BoxCodec, context: Mapping[str, Any] | None) -> Float
     Raises:
         TableError: a context is missing, unknown or out of range.
     """
-    columns = columns_of(dict(context or {}), "the context")
+    columns = one_of_each(context, "the context")
     contexts = codec.system.contexts
     require(columns, [c.name for c in contexts], [], "the context")
     if not contexts:
         return np.empty(0)
     return codec.encode(codec.check(columns, contexts), contexts)[0]
+
+
+def one_of_each(values: Any, what: str) -> dict[str, list[Any]]:
+    """Columns of one value each, by name; none for None.
+
+    Raises:
+        TableError: they have no names, or one name has no value or several.
+    """
+    try:
+        named = dict(() if values is None else values)
+    except (TypeError, ValueError):
+        raise TableError(f"{what} is {type(values).__name__}; expected values by name") from None
+    columns = columns_of(named, what)
+    for name, column in columns.items():
+        if len(column) != 1:
+            raise TableError(f"{what} has {len(column)} values of {name!r}; expected one")
+    return columns
+
+
+def with_context(
+    system: System, columns: Mapping[str, list[Any]], context: Mapping[str, Any] | None, n: int
+) -> dict[str, list[Any]]:
+    """Columns of a table of n settings, with the contexts that are given for all of them.
+
+    Raises:
+        TableError: something else than a context is given, or one that the table has as well: of two values
+            nobody knows which was meant.
+    """
+    given = one_of_each(context, "the context")
+    require(given, [], [c.name for c in system.contexts], "the context")
+    twice = [name for name in given if name in columns]
+    if twice:
+        raise TableError(f"{twice[0]!r} is in the table and in the context; expected it in one of them")
+    return {**columns, **{name: column * n for name, column in given.items()}}
 
 
 def encoded(codec: BoxCodec, columns: Mapping[str, Sequence[Any]], n: int) -> FloatArray:

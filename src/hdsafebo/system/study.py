@@ -205,7 +205,7 @@ class Study:
             number = trial.trial if isinstance(trial, Suggestion) else int(trial)
             ids = [number]
             columns = reading.results_of_one(self.system, results, failed, noise)
-            instead = reading.mapping(ran, "ran")
+            instead: dict[str, Any] = dict(reading.one_of_each(ran, "ran"))
             require(instead, [], self.system.inputs, "ran")
         else:
             if results is not None or ran is not None or noise is not None or failed:
@@ -257,8 +257,8 @@ class Study:
         """What is believed of settings, in the user's units; see `beliefs.predict` for the columns.
 
         Args:
-            table: settings, with their contexts unless `context` gives one for all.
-            context: value of every context, by name.
+            table: settings, with the contexts that `context` does not give for all of them.
+            context: values of contexts, by name.
 
         Raises:
             TableError: a column is missing or unknown, or a value is out of range.
@@ -266,8 +266,7 @@ class Study:
         """
         columns = columns_of(table, "the table")
         n = len(next(iter(columns.values()), []))
-        for name, value in (context or {}).items():
-            columns.setdefault(name, [value] * n)
+        columns = reading.with_context(self.system, columns, context, n)
         fixed = [p.name for p in self.system.parameters if p.width == 0]
         require(columns, [name for name in self.system.inputs if name not in fixed], fixed, "the table")
         with self._current() as optimizer:

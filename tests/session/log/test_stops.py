@@ -7,12 +7,13 @@ import fcntl
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hdsafebo.session.errors import ProtocolError, SessionError, StoppedError
 from hdsafebo.session.log.stops import PREFIX, pending, press
-from hdsafebo.session.log.store import Store, utc_now
+from hdsafebo.session.log.store import MovedOnError, Store, utc_now
 from hdsafebo.session.session import Session
 from hdsafebo.session.views.audit import verify_session
 from tests.session.small import approve_open, measured
@@ -187,3 +188,101 @@ def test_many_stops_are_resumed_once(make_session: Make) -> None:
 def test_where_no_session_is_nothing_can_be_stopped(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="the stop cannot be kept"):
         press(tmp_path / "none", "ann", "now", utc_now())
+
+
+@pytest.mark.parametrize("start", ["approve", "manual"])
+@pytest.mark.parametrize("moment", ["after the entry", "before the log is read"])
+def test_a_stop_that_others_wrote_into_the_log_at_once_keeps_a_trial_from_being_delivered(
+    make_session: Make, monkeypatch: pytest.MonkeyPatch, start: str, moment: str
+) -> None:
+    """It does not wait any more when the step looks for it, so it has to be found in the log."""
+    session = make_session()
+    session.suggest("ann")
+    other = Session.open(session.store.directory)
+    append, read = session.store.append, session.store.read
+    moments: list[str] = []
+
+    def stop_at(now: str) -> None:
+        if now == moment and moments.count(now) == 0:
+            moments.append(now)
+            assert other.stop("bob", "now"), "the stop is in the log"
+
+    def append_and_stop(*arguments: Any) -> None:
+        append(*arguments)
+        stop_at("after the entry")
+        monkeypatch.setattr(session.store, "read", stop_and_read)
+
+    def stop_and_read() -> Any:
+        stop_at("before the log is read")
+        return read()
+
+    monkeypatch.setattr(session.store, "append", append_and_stop)
+    steps = {
+        "approve": lambda: approve_open(session),
+        "manual": lambda: session.manual("ann", {"values": [0.5, 0.5, 0.0]}),
+    }
+    with pytest.raises(StoppedError, match="do not deliver trial 9"):
+        steps[start]()
+    assert moments == [moment]
+    assert session.stopped == "now"
+
+
+def test_nobody_goes_on_over_a_stop_that_he_has_not_seen(make_session: Make) -> None:
+    session = make_session()
+    other = Session.open(session.store.directory)
+    session.stop("ann", "a break")
+    other.stop("bob", "it hurts")
+    with pytest.raises(ProtocolError, match=r"stopped again meanwhile \(it hurts\)"):
+        session.resume("ann")
+    assert session.stopped == "it hurts"
+    press(session.store.directory, "bob", "still", utc_now())  # this one waits for its place in the log
+    with pytest.raises(ProtocolError, match=r"stopped again meanwhile \(still\)"):
+        session.resume("ann")
+    session.resume("ann")
+    assert session.stopped is None
+
+
+def test_a_stop_is_obeyed_before_its_words_are_written_and_keeps_them(
+    make_session: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Others took it into the log at once, and with it words that were not there yet."""
+    session = make_session()
+    other = Session.open(session.store.directory)
+    write, looks = os.write, []
+
+    def write_while_others_look(file: int, data: bytes) -> int:
+        other.refresh()
+        looks.append(other.stopped)
+        with pytest.raises(ProtocolError):
+            other.manual("bob", {"values": [0.5, 0.5, 0.0]})
+        done = write(file, data[: len(data) // 2])
+        other.refresh()
+        return done + write(file, data[len(data) // 2 :])
+
+    monkeypatch.setattr(os, "write", write_while_others_look)
+    stop = press(session.store.directory, "ann", "it hurts", utc_now())
+    assert len(looks) == 1
+    assert looks[0] is not None
+    session.refresh()
+    entry = session.entries[-1]
+    assert (entry.kind, entry.who, entry.payload["reason"]) == ("stopped", "ann", "it hurts")
+    assert entry.payload["pressed"] == stop.token
+    assert [e.kind for e in session.entries].count("stopped") == 1
+
+
+def test_a_step_is_refused_where_the_log_is_not_as_it_was_seen(make_session: Make) -> None:
+    session = make_session()
+    seen = session.entries[-1].hash
+    Session.open(session.store.directory).note("bob", "meanwhile")
+    steps = (
+        lambda: session.suggest("ann"),
+        lambda: session.manual("ann", {"values": [0.5, 0.5, 0.0]}),
+        lambda: session.switch_target("ann", "economy"),
+        lambda: session.note("ann", "x"),
+    )
+    with session.seen_at(seen):
+        for step in steps:
+            with pytest.raises(MovedOnError, match="has moved on"):
+                step()
+    assert [e.kind for e in session.entries] == ["created", "noted"]
+    session.note("ann", "x")

@@ -3,11 +3,12 @@
 A stop must be obeyed though the log is locked, the disk is slow or a suggestion is being computed. It is a
 file of its own in the session's directory, which nobody else writes and for which no lock is needed: as long
 as it is there, no trial starts. Whoever holds the log next writes the stop into it, and then removes the
-file.
+file. Who presses holds the file's own lock until the words are in it, so that nobody takes in half of them.
 """
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from hdsafebo.files.atomic import replacing
+from hdsafebo.files.atomic import replacing, sync_directory
 from hdsafebo.files.bounded import open_regular
 from hdsafebo.files.durable import make_durable_directory
 from hdsafebo.session.errors import SessionError
@@ -26,6 +27,7 @@ from hdsafebo.session.words import LONGEST, LONGEST_NAME, trimmed_text
 
 PREFIX = "STOP-"
 _DAMAGED = "stop (its words were damaged)"
+_UNDER_WAY = "stop (its words are being written)"
 
 
 @dataclass(frozen=True)
@@ -36,12 +38,14 @@ class Stop:
         path: of its file.
         who, reason: as far as they were given.
         time: ISO 8601.
+        complete: its words are all there, or will never be; while they are written no log takes it in.
     """
 
     path: Path
     who: str
     reason: str
     time: str
+    complete: bool = True
 
     @property
     def token(self) -> str:
@@ -67,20 +71,25 @@ def press(directory: Path, who: object, reason: object, time: datetime) -> Stop:
         "time": time.isoformat(timespec="milliseconds"),
     }
     path = directory / f"{PREFIX}{time:%Y%m%dT%H%M%S}-{secrets.token_hex(8)}"
+    locked = path.with_name(f".{path.name}")
     try:
-        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        file = os.open(locked, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        try:
+            with suppress(OSError):  # where no file can be locked, words may be lost, but no stop
+                fcntl.flock(file, fcntl.LOCK_EX)
+            os.rename(locked, path)  # from here on it is obeyed, however long the words take
+            with suppress(OSError):  # a full disk: the file itself is the stop, its words are not needed
+                os.write(file, _kept(**words))
+                os.fsync(file)
+                sync_directory(directory)
+        finally:
+            os.close(file)
     except OSError as error:
         raise SessionError(
             f"{path}: the stop cannot be kept ({error.strerror}); no trial can be started from here either, "
             "as nothing can be written"
         ) from None
-    try:
-        with suppress(OSError):  # a full disk: the file itself is the stop, its words are not needed
-            os.write(file, _kept(**words))
-            os.fsync(file)
-    finally:
-        os.close(file)
-    return Stop(path, **words)
+    return Stop(path, words["who"], words["reason"], words["time"])
 
 
 def pending(directory: Path) -> list[Stop]:
@@ -122,10 +131,13 @@ def _read(path: Path) -> Stop:
     """A stop, whatever its file holds."""
     try:
         with open_regular(path) as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             digest, _, text = file.read(4 * (LONGEST + LONGEST_NAME) + 1000).partition(b" ")
         if hashlib.sha256(text).hexdigest().encode() != digest:
             raise ValueError("damaged")
         words = json.loads(text)
         return Stop(path, words["who"], words["reason"], words["time"])
+    except BlockingIOError:
+        return Stop(path, "unnamed", _UNDER_WAY, "", complete=False)
     except (OSError, ValueError, KeyError, TypeError):
         return Stop(path, "unnamed", _DAMAGED, "")

@@ -195,6 +195,8 @@ class Store:
                 if stop.token in self._pressed:  # a writer was killed before it removed the file
                     stop.path.unlink()
                     continue
+                if not stop.complete:
+                    continue
                 facts = {"reason": stop.reason, "pressed": stop.token, "at": stop.time}
                 self._write(stop.who, "stopped", facts)
                 stop.path.unlink()

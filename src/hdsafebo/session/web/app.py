@@ -10,6 +10,7 @@ thread that does nothing else. It needs no head, no name, no lock, and no place 
 from __future__ import annotations
 
 import asyncio
+import json
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -97,7 +98,7 @@ class Page:
         routes = [
             Route("/", lambda request: FileResponse(STATIC / "page.html")),
             Mount("/static", StaticFiles(directory=STATIC)),
-            Route("/api/status", self._read(lambda request: JSONResponse(self._status()))),
+            Route("/api/status", self._read(lambda request: _Json(self._status()))),
             Route(
                 "/api/course.svg",
                 self._read(lambda request: _svg(course_svg(self._viewer, self._viewer.state.target))),
@@ -146,7 +147,8 @@ class Page:
                 if head is None or body.get("head") != head.hash:
                     raise MovedOnError("the session has moved on: look again, then decide")
                 self._require_not_halted(name, "")
-                act(body)
+                with self._worker.seen_at(head.hash):
+                    act(body)
                 self._require_not_halted(name, ": do not deliver this trial, close it as not delivered")
 
         return run
@@ -164,10 +166,14 @@ class Page:
 
     def _resume(self, body: Body) -> None:
         """Go on; a stop that could not be kept on the disk is written into the log first."""
-        halt = self._halted
+        halt, known = self._halted, len(self._worker.entries)
         if halt is not None and not halt.token:
             self._worker.stop(body["who"], halt.reason)
-        self._worker.resume(body["who"])
+        added = self._worker.entries[known:]
+        if len(added) > 1:
+            raise MovedOnError("the session was stopped again meanwhile: look, then resume")
+        with self._worker.seen_at(added[-1].hash if added else body["head"]):
+            self._worker.resume(body["who"])
         if self._halted is halt:  # nobody pressed again meanwhile
             self._halted = None
 
@@ -189,7 +195,7 @@ class Page:
         done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         threading.Thread(target=self._keep, args=(halt, words.get("who"), done), daemon=True).start()
         problem = await done
-        return JSONResponse({"error": f"stopped, but {problem}"} if problem else {}, 507 if problem else 200)
+        return _Json({"error": f"stopped, but {problem}"} if problem else {}, 507 if problem else 200)
 
     def _keep(self, halt: _Halt, who: object, done: asyncio.Future[str]) -> None:
         """Keep a stop on the disk; the log takes it in as soon as it can."""
@@ -249,7 +255,10 @@ class Page:
                 return answer(request)
 
         async def endpoint(request: Request) -> Response:
-            return await run_sync(run, request)
+            try:
+                return await run_sync(run, request)
+            except Exception as error:
+                return _refusal(error)
 
         return endpoint
 
@@ -265,17 +274,31 @@ class Page:
             try:
                 content = await _read_body(request)
                 result = await run_sync(_acted, act, content, limiter=self._looks if looks else self._steps)
-                return JSONResponse(result if isinstance(result, dict) else {})
-            except (MovedOnError, StoppedError) as error:
-                return JSONResponse({"error": str(error)}, 409)
-            except HdSafeBOError as error:
-                return JSONResponse({"error": str(error)}, 422)
+                return _Json(result if isinstance(result, dict) else {})
             except (KeyError, TypeError, AttributeError) as error:
-                return JSONResponse({"error": f"malformed request: {error!r}"}, 400)
+                return _Json({"error": f"malformed request: {error!r}"}, 400)
             except Exception as error:
-                return JSONResponse({"error": f"an error of this program: {error!r}"}, 500)
+                return _refusal(error)
 
         return endpoint
+
+
+class _Json(JSONResponse):
+    """An answer that can be written whatever it says: names of folders need not be UTF-8."""
+
+    def render(self, content: Any) -> bytes:
+        """The body."""
+        text = json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+        return text.encode("utf-8", "replace")
+
+
+def _refusal(error: Exception) -> Response:
+    """What a person is told who asked for something that cannot be done."""
+    if isinstance(error, MovedOnError | StoppedError):
+        return _Json({"error": str(error)}, 409)
+    if isinstance(error, HdSafeBOError):
+        return _Json({"error": str(error)}, 422)
+    return _Json({"error": f"an error of this program: {error!r}"}, 500)
 
 
 def _acted(act: Callable[[Body], Any], content: bytes) -> Any:
@@ -295,7 +318,7 @@ async def _words_of_stop(request: Request) -> Body:
         async with asyncio.timeout(_STOP_BODY_S):
             async for chunk in request.stream():
                 content += chunk[: _MAX_STOP_BODY - len(content)]
-        body = parse_json(content)
+        body = parse_json(content, writable=False)  # what can be kept of the words is kept
     except (TimeoutError, ClientDisconnect, HdSafeBOError):
         return {}
     return body if isinstance(body, dict) else {}

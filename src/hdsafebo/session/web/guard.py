@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import re
 from urllib.parse import parse_qs
 
 from starlette.requests import Request
@@ -12,6 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 COOKIE = "hdsafebo_session"
 PAGE_HEADER = "x-session-page"  # another site's form or script cannot set it without being asked first (CORS)
+_HOST = re.compile(r"(?P<name>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+)(:\d{1,5})?", re.ASCII)
 _SECURITY = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -29,6 +31,17 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(name).is_loopback
     except ValueError:
         return False
+
+
+def _asked_host(request: Request) -> str:
+    """The name under which a browser found this program; empty unless exactly one is given, and readable.
+
+    Not that of `request.url`, which takes a name that it cannot read for the server's own: `a"b.example`
+    would be this computer.
+    """
+    given = request.headers.getlist("host")
+    found = _HOST.fullmatch(given[0]) if len(given) == 1 else None
+    return "" if found is None else found["name"].lower()
 
 
 class Guard:
@@ -68,13 +81,16 @@ class Guard:
 
     def _refusal(self, request: Request) -> Response | None:
         """The answer to a request that may not pass; None when it may."""
+        if not request.scope["query_string"].isascii():
+            return PlainTextResponse("the address is malformed", 400)
         if self._token is None:
-            if not is_loopback(request.url.hostname or ""):
+            if not is_loopback(_asked_host(request)):
                 return PlainTextResponse("this page answers to this computer's own names only", 403)
         else:
-            given = parse_qs(request.url.query).get("token", [""])[0]
+            query = request.scope["query_string"].decode("latin-1")
+            given = parse_qs(query).get("token", [""])[0]
             if given and self._matches(given):
-                answer = RedirectResponse(request.url.path, 303)
+                answer = RedirectResponse("/" + request.scope["path"].lstrip("/"), 303)  # never another host
                 answer.set_cookie(COOKIE, self._token, httponly=True, samesite="strict")
                 return answer
             if not self._matches(request.cookies.get(COOKIE, "")):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import secrets
+import socket
+from contextlib import suppress
 from pathlib import Path
 
 from hdsafebo.session.errors import SessionError
@@ -15,10 +18,11 @@ def serve(directory: Path, host: str, port: int) -> None:
     Args:
         directory: of the session.
         host: address to listen on; one that others can reach needs the token that is printed.
-        port: number of the port.
+        port: number of the port; 0 takes a free one.
 
     Raises:
-        SessionError: the packages of the page are not installed, or there is no session.
+        SessionError: the packages of the page are not installed, there is no session, or nothing can listen
+            there.
     """
     try:
         import uvicorn
@@ -28,9 +32,56 @@ def serve(directory: Path, host: str, port: int) -> None:
         raise SessionError(f"the page needs {error.name}: pip install 'hdsafebo[session]'") from None
     token = None if is_loopback(host) else secrets.token_urlsafe(24)
     page = Page(directory)
-    print(page.disclaimer)
-    print(f"http://{host}:{port}/" + ("" if token is None else f"?token={token}"), flush=True)
+    sockets: list[socket.socket] = []
     try:
-        uvicorn.run(page.app(token), host=host, port=port, log_level="warning")
+        sockets = listening(host, port)  # first: the address that is printed is one that answers
+        print(page.disclaimer)
+        print(address(host, sockets[0].getsockname()[1], token), flush=True)
+        with suppress(KeyboardInterrupt):
+            uvicorn.Server(uvicorn.Config(page.app(token), log_level="warning")).run(sockets)
     finally:
+        for one in sockets:
+            one.close()
         page.close()
+
+
+def address(host: str, port: int, token: str | None) -> str:
+    """What a person opens in a browser."""
+    name = f"[{host}]" if ":" in host else host
+    return f"http://{name}:{port}/" + ("" if token is None else f"?token={token}")
+
+
+def listening(host: str, port: int) -> list[socket.socket]:
+    """A socket for every address of a host: `localhost` has two, and another program may hold one of them.
+
+    Raises:
+        SessionError: the host or the port does not exist, is taken or needs other rights.
+    """
+    sockets: list[socket.socket] = []
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        for family, kind, protocol, _, place in dict.fromkeys(found):
+            one = socket.socket(family, kind, protocol)
+            sockets.append(one)
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if family == socket.AF_INET6:
+                one.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            try:
+                one.bind((place[0], port or _port_of(sockets[:-1]), *place[2:]))
+            except OSError as error:
+                if error.errno != errno.EADDRNOTAVAIL:
+                    raise
+                sockets.pop().close()  # this computer has no address of that family
+        if not sockets:
+            raise OSError(errno.EADDRNOTAVAIL, "none of its addresses is of this computer")
+    except (OSError, OverflowError, UnicodeError) as error:
+        for one in sockets:
+            one.close()
+        reason = getattr(error, "strerror", None) or str(error)
+        raise SessionError(f"the page cannot listen on {address(host, port, None)}: {reason}") from None
+    return sockets
+
+
+def _port_of(sockets: list[socket.socket]) -> int:
+    """The port that was drawn for the first address; 0 draws one."""
+    return int(sockets[0].getsockname()[1]) if sockets else 0
