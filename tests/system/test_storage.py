@@ -19,7 +19,7 @@ import pandas as pd
 import pytest
 
 from hdsafebo import Limit, Linear, Objective, Real, Study, System
-from hdsafebo.errors import ParamsError
+from hdsafebo.errors import ParamsError, TrialError
 from hdsafebo.optimizers.core.identity import fingerprint
 from hdsafebo.system.errors import StudyError
 from hdsafebo.system.problem import SystemProblem
@@ -334,3 +334,29 @@ def test_what_tells_a_list_from_others_does_not_depend_on_the_context_of_the_day
     before = fingerprint(problem.candidates)
     problem.candidates.hold(np.array([0.8]))
     np.testing.assert_array_equal(fingerprint(problem.candidates), before)
+
+
+def test_the_study_of_a_list_goes_on_under_every_context(tmp_path: Path) -> None:
+    """Each trial was checked against its row under the context of the day, so none of them fitted."""
+    speeds = np.linspace(0.1, 1.5, 30).round(3).tolist()
+    system = System(
+        name="list",
+        parameters=[Real("speed", 0.1, 1.5)],
+        objective=Objective("way"),
+        limits=[Limit("sway", at_most=25)],
+        contexts=[Real("load", 0, 5)],
+        settings={"speed": speeds},
+    )
+    study = Study.open(tmp_path / "s", system, alpha=0.9)
+    study.observe(
+        [{"speed": v, "load": 1.0 + i % 2, "way": v, "sway": 1 + v} for i, v in enumerate(speeds[:16])]
+    )
+    for load in (1.0, 2.0, 1.5):
+        again = Study.open(tmp_path / "s")
+        suggestion = again.ask(context={"load": load})
+        assert suggestion.context == {"load": load}
+        study.tell(suggestion, {"way": suggestion.setting["speed"], "sway": 2.0})
+    assert len(Study.open(tmp_path / "s")) == 19
+    with pytest.raises(TrialError):
+        study.tell(99, {"way": 1.0, "sway": 2.0})
+    assert len(study) == 19, "a step that fails reads the state again"

@@ -67,7 +67,7 @@ def apply_profile(root: Path, name: str, *, force: bool = False) -> bool:
     """
     target = root / "params.yaml"
     text = profile_text(root, name)
-    if target.exists():
+    if target.is_file():
         present = read_bytes(target)
         if present == text.encode():
             return False

@@ -91,11 +91,12 @@ def check_evidence(path: Path, saved: dict[str, NDArray[Any]], problem: Problem,
                 f"they differ from row {first} or soon after"
             )
         rows = np.flatnonzero(trials.candidate >= 0)
-        if (
-            len(rows)
-            and not same_points(trials.x[rows], problem.candidates.inputs(trials.candidate[rows])).all()
-        ):
-            raise StateFileError(f"{path}: trials are not the inputs of their candidate rows")
+        if len(rows):
+            # Contexts are those of each trial, and the set gives those of the day.
+            chosen = np.setdiff1d(np.arange(trials.x.shape[1]), problem.contexts)
+            inputs = problem.candidates.inputs(trials.candidate[rows])
+            if not same_points(trials.x[rows][:, chosen], inputs[:, chosen]).all():
+                raise StateFileError(f"{path}: trials are not the inputs of their candidate rows")
     for key, what in (("features", "features"), ("transformed", "transforms of safety functions")):
         ours, theirs = saved.get(key), present.get(key)
         if (ours is None) != (theirs is None):
