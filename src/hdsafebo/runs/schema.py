@@ -50,7 +50,8 @@ COLUMNS = {
 
 `violation` is of the functions that decide what was safe, in their units; `modelled_violation` of those that
 a model was fitted to, as it was fitted to them, so that `violation_bound` speaks of the same. A trial is
-`repeated` when its point was tried before in the same run.
+`repeated` when its point was tried before in the same run. Times are CPU times of the process of the run, in
+seconds.
 """
 
 

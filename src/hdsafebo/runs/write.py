@@ -41,8 +41,8 @@ def rows_of(
         trials: the round, no trial of it pending.
         problem: says what is safe.
         seed: seed of the run.
-        method_seconds: time the method took for this round.
-        evaluate_seconds: time the evaluation of this round took.
+        method_seconds: CPU time that the method took for this round.
+        evaluate_seconds: CPU time that the evaluation of this round took.
     """
     n = len(trials)
     safety = dict(zip(safety_columns(problem), trials.safety.T, strict=True))

@@ -18,7 +18,7 @@ METRIC_LABELS = {
     "objective": "Objective",
     "safety": "Safety",
     "violation": "Violation",
-    "seconds_per_round": "Seconds per round",
+    "seconds_per_round": "CPU seconds per round",
     "improvement": "Gain over the initial data",
 }
 
@@ -37,7 +37,7 @@ def per_seed(run: RunFile) -> pd.DataFrame:
         violation_bound: sum of its one-step bounds; NaN when the method has none,
         unconstrained: best objective among all completed trials, whether safe or not,
         new_points: chosen trials whose point was not tried before,
-        seconds_per_round: mean time that the method took to choose a batch, evaluation excluded,
+        seconds_per_round: mean CPU time that the method took to choose a batch, evaluation excluded,
         chosen, failed: numbers of chosen trials and of failed evaluations.
     """
     frame = run.trials

@@ -47,7 +47,7 @@ def seconds_figure(results: Results, tasks: list[str]) -> Figure:
     """Seconds that each method takes to choose a batch, one panel per task, on a logarithmic axis."""
     panels = [_seconds_panel(results, task) for task in tasks]
     caption = (
-        "Seconds per round that a method takes to choose its batch, without the evaluation. Filled: here; "
+        "CPU seconds per round that a method takes to choose its batch, not to evaluate it. Filled: here; "
         "open diamond: the paper, on its machine."
     )
     return Figure("seconds_per_round", caption, [panels[i : i + 3] for i in range(0, len(panels), 3)])
@@ -76,7 +76,7 @@ def _seconds_panel(results: Results, task: str) -> Panel:
             )
         ax.xaxis.set_major_formatter("{x:g}")
         ax.xaxis.set_minor_formatter("")
-        ax.set_xlabel("seconds per round")
+        ax.set_xlabel("CPU seconds per round")
         ax.set_title(task_label(task), loc="left")
 
     return Panel(

@@ -151,8 +151,8 @@ def runtime_section(results: Results) -> Section:
     if not results.tasks:
         return Section("runtime", "Run time per round", "Appendix C.7", [not_run("Run times")])
     intro = (
-        "Time to choose a batch, evaluation excluded: a mean over the rounds of a run, then over runs. "
-        "Runs may share a busy machine."
+        "CPU time to choose a batch on one thread, not to evaluate it: a mean over the rounds of a run, then "
+        "over runs. Other work on the machine lengthens it little."
     )
     blocks: list[Block] = [Text(intro), seconds_figure(results, results.experiments)]
     blocks.append(

@@ -66,5 +66,8 @@ def seconds_table(results: Results, tasks: list[str]) -> Table:
             )
         rows.append(cells)
     columns = ["Method", *(task_label(task) for task in tasks)]
-    caption = "Seconds per round: mean ± standard error over runs; the paper: ± deviation over 80 rounds."
+    caption = (
+        "CPU seconds per round: mean ± standard error over runs; the paper: seconds on its computer, "
+        "± deviation over 80 rounds."
+    )
     return Table("seconds_per_round", caption, columns, rows, pd.DataFrame(records))
