@@ -211,6 +211,25 @@ def test_the_latent_box_is_that_of_the_training_points(root: Path, project_root:
     np.testing.assert_allclose(task.latent_bounds, [codes.min(axis=0), codes.max(axis=0)], atol=1e-9)
 
 
+def test_seeds_share_a_task_until_a_file_changes(root: Path, project_root: Path) -> None:
+    params = load_params(project_root / "params.yaml")
+    task = make_task("scs_st", params, seed=0, root=root)
+    assert make_task("scs_st", params, seed=1, root=root) is task
+    assert make_task("scs_st_informed", params, seed=1, root=root).problem.name == "scs_st_informed"
+    before = make_task("scs_st", params, seed=0, root=root)
+    embedding = make_embedding("pca", latent_dim=3)
+    embedding.fit(np.random.default_rng(1).uniform(size=(40, PIXELS)), rng=np.random.default_rng(0))
+    file = root / "models/embeddings/irvae.safetensors"
+    kept = file.read_bytes(), file.with_suffix(".json").read_bytes()
+    try:
+        embedding.save(file)
+        after = make_task("scs_st", params, seed=0, root=root)
+        assert (np.shape(before.latent_bounds), np.shape(after.latent_bounds)) == ((2, 2), (2, 3))
+    finally:
+        file.write_bytes(kept[0])
+        file.with_suffix(".json").write_bytes(kept[1])
+
+
 def test_codes_of_responses_stand_for_rows(rows: StimulationSet) -> None:
     codec = ResponseCodec(rows, 16)
     some = np.random.default_rng(4).choice(len(rows), 5, replace=False)

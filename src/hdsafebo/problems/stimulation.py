@@ -12,7 +12,7 @@ modelled.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from hdsafebo.embeddings.registry import load_embedding
 from hdsafebo.errors import DatasetError, UnknownNameError
 from hdsafebo.files.bounded import require_regular
 from hdsafebo.params import Params
+from hdsafebo.params.tasks import ScsProblem
 from hdsafebo.problem import Problem, Safety
 from hdsafebo.problems.knowledge import TaskKnowledge
 from hdsafebo.problems.registry import INFORMED_SUFFIX, Task, is_informed
@@ -186,10 +187,20 @@ class SelectiveStimulation(Problem):
 
 def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
     """The task of a muscle in one of its settings; see `problems.registry`."""
-    settings = params.tasks.scs.problem
     target = name.removeprefix("scs_").removesuffix(INFORMED_SUFFIX)
     if target not in MUSCLES:
         raise UnknownNameError("stimulation target", target, sorted(MUSCLES))
+    scs = params.tasks.scs
+    files = [DATASET_FILE] if is_informed(name) else [DATASET_FILE, embedding_file(scs.problem.embedding)]
+    versions = tuple(_version(root / file) for file in files)
+    return _task(name, target, scs.problem, scs.informed.components, root, versions)
+
+
+@lru_cache(maxsize=1)  # all seeds of a method have the same task, and to encode its rows takes half a minute
+def _task(
+    name: str, target: str, settings: ScsProblem, components: int, root: Path, versions: tuple[object, ...]
+) -> Task:
+    """The task, given what tells its files from those that may be in their place later."""
     currents, selectivity, safety = read_target(root / DATASET_FILE, MUSCLES[target], settings.side)
 
     def problem(rows: StimulationSet) -> SelectiveStimulation:
@@ -204,10 +215,23 @@ def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
         )
 
     if is_informed(name):
-        return _informed(problem(StimulationSet(currents)), params.tasks.scs.informed.components)
-    file = f"models/embeddings/{settings.embedding}.safetensors"
+        return _informed(problem(StimulationSet(currents)), components)
+    file = embedding_file(settings.embedding)
     embedding = load_embedding(root / file, input_dim=PIXELS)
     return _as_in_the_paper(problem(StimulationSet(currents, embedded_rows(embedding))), embedding, file)
+
+
+def _version(path: Path) -> tuple[int, int] | None:
+    """Of a file: when it was written, and its size; None for a missing one, which whoever reads it names."""
+    if not path.is_file():
+        return None
+    status = path.stat()
+    return status.st_mtime_ns, status.st_size
+
+
+def embedding_file(embedding: str) -> str:
+    """Where the pipeline keeps an embedding of the maps, relative to its root."""
+    return f"models/embeddings/{embedding}.safetensors"
 
 
 def _as_in_the_paper(problem: SelectiveStimulation, embedding: Embedding, file: str) -> Task:
