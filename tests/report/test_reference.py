@@ -38,7 +38,7 @@ def project(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Pat
     rng = np.random.default_rng(0)
     for task, method in planned_runs(load_params(root / "params.yaml")):
         sizes = {"n_initial": 10, "n_trials": 40, "batch": 5, "gain": 1.0, "safe_share": 0.8}
-        random_runs(root, task, method, seeds=2, rng=rng, **sizes)
+        random_runs(root, task, method, seeds=2, rng=rng, profile="smoke", **sizes)
     write_inputs(root, rng)
     (root / "data/rollouts/start.png").write_bytes(b"\x89PNG picture")
     costs = [
@@ -153,6 +153,21 @@ def test_runs_are_kept_one_after_another(project: Path, tmp_path: Path) -> None:
     assert sorted(path.name for path in (folder / "inputs").rglob("*") if path.is_file()) == inputs
     with pytest.raises(DatasetError, match=r"no run of params.yaml; run the pipeline"):
         keep_evidence(tmp_path, tmp_path / "elsewhere")
+
+
+def test_what_another_profile_has_left_is_no_evidence(project: Path, tmp_path: Path) -> None:
+    """DVC leaves run files of the last profile in their place until their items are run again."""
+    shutil.copytree(project / "data", tmp_path / "data")
+    text = (project / "params.yaml").read_text()
+    (tmp_path / "params.yaml").write_text(text.replace("profile: smoke", "profile: reference"))
+    with pytest.raises(DatasetError, match=r"no run of params.yaml; run the pipeline"):
+        keep_evidence(tmp_path, tmp_path / "kept")
+    sizes = {"n_initial": 10, "n_trials": 40, "batch": 5, "gain": 1.0, "safe_share": 0.8}
+    rng = np.random.default_rng(0)
+    random_runs(tmp_path, "synthetic", "sobol", seeds=2, rng=rng, profile="reference", **sizes)
+    missing = keep_evidence(tmp_path, tmp_path / "kept")
+    assert "hand-sobol" in missing
+    assert [path.stem for path in (tmp_path / "kept/runs").iterdir()] == ["synthetic-sobol"]
 
 
 def test_a_folder_without_evidence_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

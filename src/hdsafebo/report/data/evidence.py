@@ -67,24 +67,24 @@ def keep_evidence(root: Path, folder: Path) -> list[str]:
         Names of the runs that are neither here nor kept.
 
     Raises:
-        DatasetError: no run file is there, one is malformed, or the disk cannot be written.
+        DatasetError: no run file of the profile is there, one is malformed, or the disk cannot be written.
     """
     params = load_params(root / PARAMS)
     names = [run_name(task, method) for task, method in planned_runs(params)]
-    here_or_kept = [folder / RUNS, root / "data/runs"]
-    missing = [n for n in names if not any((place / f"{n}.parquet").is_file() for place in here_or_kept)]
+    made = {name: source for name in names if (source := _made(root, name, params.profile)) is not None}
+    missing = [n for n in names if n not in made and not (folder / RUNS / f"{n}.parquet").is_file()]
     if missing == names:
         raise DatasetError(f"{root / 'data/runs'}: no run of {PARAMS}; run the pipeline first (dvc repro)")
     before = read_provenance(folder).get("runs", {})
     here = _here(root)
     runs: dict[str, Any] = {}
     for name in sorted(set(names) - set(missing), key=names.index):
-        source, target = root / "data/runs" / f"{name}.parquet", folder / RUNS / f"{name}.parquet"
+        target = folder / RUNS / f"{name}.parquet"
         known = before.get(name, {})
-        if source.is_file():
-            digest = digest_file(source)
+        if name in made:
+            digest = digest_file(made[name])
             if known.get("source_sha256") != digest or not target.is_file():
-                compact(source, target)
+                compact(made[name], target)
                 known = here | {"source_sha256": digest}
         meta = read_run(target).meta
         runs[name] = known | {"seeds": meta.seeds, "trials": meta.n_trials, "profile": meta.profile}
@@ -95,6 +95,12 @@ def keep_evidence(root: Path, folder: Path) -> list[str]:
     shutil.copyfile(root / PARAMS, folder / PARAMS)
     write_json(folder / PROVENANCE, here | {"profile": params.profile, "runs": runs}, DatasetError)
     return missing
+
+
+def _made(root: Path, name: str, profile: str) -> Path | None:
+    """The file of a run under the profile; DVC leaves those of another one until their items run again."""
+    path = root / "data/runs" / f"{name}.parquet"
+    return path if path.is_file() and read_run(path).meta.profile == profile else None
 
 
 def read_provenance(folder: Path) -> dict[str, Any]:
