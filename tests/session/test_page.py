@@ -18,6 +18,7 @@ from starlette.requests import Request
 
 from hdsafebo.session.create import create_session
 from hdsafebo.session.errors import SessionError
+from hdsafebo.session.log.stops import press
 from hdsafebo.session.patient.month import answer, simulated_patient
 from hdsafebo.session.patient.responses import Responses
 from hdsafebo.session.session import Session
@@ -70,7 +71,8 @@ class Served:
 
     def step(self, step: str, **body: Any) -> tuple[int, Any]:
         """A step as the page sends it."""
-        return self.post(step, {"who": "ann", "head": self.status()["head"]["hash"], **body})
+        status = self.status()
+        return self.post(step, {"who": "ann", "head": status["head"]["hash"], "halt": status["halt"], **body})
 
 
 def _fetch(request: urllib.request.Request) -> tuple[int, str]:
@@ -238,6 +240,39 @@ def test_a_stop_on_a_disk_that_cannot_be_written_is_obeyed_and_says_so(
     assert bench.step("resume")[0] == 200
     kinds = [e.kind for e in Session.open(bench.page._viewer.store.directory).entries]
     assert kinds[-2:] == ["stopped", "resumed"]
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_nobody_resumes_over_a_stop_that_his_page_does_not_show(
+    bench: Served, monkeypatch: pytest.MonkeyPatch, kept: bool
+) -> None:
+    """Such a resume let trials start while the words of the new stop were still on their way to the disk."""
+    assert bench.post("stop", {"who": "ann", "reason": "lunch"})[0] == 200
+    wait_for(lambda: bench.status()["halt"] == "", "the stop in the log")
+    seen = bench.status()
+    writing, go_on = threading.Event(), threading.Event()
+
+    def slow(*words: Any) -> Any:
+        writing.set()
+        assert go_on.wait(20)
+        if not kept:
+            raise SessionError("the disk is gone")
+        return press(*words)
+
+    monkeypatch.setattr("hdsafebo.session.web.app.press", slow)
+    pressing = threading.Thread(target=bench.post, args=("stop", {"who": "bob", "reason": "it hurts"}))
+    pressing.start()
+    assert writing.wait(20)
+    resume = {"who": "ann", "head": seen["head"]["hash"], "halt": seen["halt"]}
+    answers = [bench.post("resume", resume), bench.step("resume")]  # not shown; shown, not on the disk yet
+    go_on.set()
+    pressing.join()
+    assert [code for code, _ in answers] == [409, 409]
+    assert bench.post("resume", resume)[0] == 409
+    assert bench.status()["stopped"] == "it hurts"
+    assert bench.step("manual", point={"values": [0.5, 0.5, 0.0]}, reason="")[0] in (409, 422)
+    assert bench.step("resume")[0] == 200
+    assert bench.status()["stopped"] is None
 
 
 def test_a_stop_that_others_resume_is_over_here_too(bench: Served) -> None:
@@ -408,15 +443,18 @@ def test_an_address_is_one_that_a_browser_opens_and_a_wrong_one_is_refused_in_wo
     with first:
         port = first.getsockname()[1]
         assert port > 0
-        first.listen()
         wrong = [
             ("127.0.0.1", port),
             ("127.0.0.1", 99999),
             ("no such.invalid", 80),
             ("a" * 70 + ".invalid", 80),
+            ("127.0.0.1\0", 80),
+            ("*", 80),
+            ("[::1]", 80),
+            ("", 80),
         ]
         for host, number in wrong:
-            with pytest.raises(SessionError, match="the page cannot listen on http"):
+            with pytest.raises(SessionError, match="the page cannot listen on"):
                 listening(host, number)
     for one in listening("localhost", 0):
         one.close()

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from hdsafebo.errors import ParamsError
@@ -19,9 +21,11 @@ from hdsafebo.session.errors import (
     RecordingError,
     SessionError,
 )
+from hdsafebo.session.log.chain import START, seal
 from hdsafebo.session.log.store import MovedOnError
 from hdsafebo.session.session import Session
 from hdsafebo.session.spaces.space import Report
+from hdsafebo.session.views.export import export_session
 from tests.session.small import approve_open, bowl, box_definition, measured, refuse_open, write_box_files
 
 Make = Callable[..., Session]
@@ -346,3 +350,54 @@ def test_the_papers_algorithm_runs_over_a_box(make_session: Make) -> None:
         trial = session.approve("ann", session.suggest("ann").number)
         assert not session.space.breaches(trial.point, session.state.last_point)
         session.record("ann", measured(trial))
+
+
+def test_numbers_are_whole_and_may_be_numpys(make_session: Make) -> None:
+    session = make_session()
+    session.suggest("ann")
+    for number in (True, 1.0, "1", None, np.float64(1)):
+        for step in (
+            lambda n: session.approve("ann", n),
+            lambda n: session.refuse("ann", "no", n),
+            lambda n: session.modify("ann", {"values": [0.5, 0.5, 0.0]}, "why", n),
+        ):
+            with pytest.raises(ProtocolError, match=r"suggestion is .*, expected its number"):
+                step(number)
+    trial = session.approve("ann", np.int64(1))
+    with pytest.raises(ProtocolError, match=r"trial is 9\.0, expected its number"):
+        session.record("ann", measured(trial), float(trial.number))  # type: ignore[arg-type]
+    assert session.record("ann", measured(trial), np.int64(trial.number)).status == "completed"
+
+
+def test_what_no_log_can_hold_is_refused_in_words() -> None:
+    """The path of a session file need not be UTF-8."""
+    with pytest.raises(SessionError, match=r"log entry 1 \(noted\): cannot be written"):
+        seal(1, "2026-01-01T00:00:00+00:00", "ann", "noted", {"text": "\udcff"}, START)
+
+
+def test_an_input_called_as_a_column_of_the_tables_is_exported_beside_it(tmp_path: Path) -> None:
+    """An input `target` stood in the column of the objective, and one called `reason` in none."""
+    definition, initial = write_box_files(tmp_path)
+    names = {"a": "target", "b": "reason", "c": "outcome_speed"}
+    data = box_definition()
+    for item in data["inputs"]:
+        item["name"] = names[item["name"]]
+    write_mapping(definition, data, ParamsError)
+    initial.write_text(initial.read_text().replace("a,b,c", ",".join(names.values()), 1))
+    session = create_session(tmp_path / "s", definition, who="ann", initial=initial)
+    session.suggest("ann")
+    folder = tmp_path / "out"
+    export_session(session, folder)
+    values = np.array([t.point["values"] for t in session.state.trials])
+    for table in (pd.read_csv(folder / "trials.csv"), pd.read_parquet(folder / "trials.parquet")):
+        assert set(table["target"].dropna()) <= {"speed"}, "of initial trials there is none"
+        np.testing.assert_array_equal(table[[f"input_{n}" for n in names.values()]], values)
+    suggestions = pd.read_csv(folder / "suggestions.csv")
+    assert suggestions.columns.tolist()[:6] == [
+        "suggestion",
+        "target",
+        "decision",
+        "input_target",
+        "reason",
+        "outcome_speed",
+    ]

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hdsafebo import Fixed, Limit, Linear, Objective, Real, System
+from hdsafebo import Choice, Fixed, Limit, Linear, Objective, Real, Study, System
 from hdsafebo.system.description import read_settings
 from hdsafebo.system.errors import DescriptionError
 from system.small import box_system, mixed_system
@@ -138,3 +138,52 @@ def test_rows_longer_than_their_header_do_not_move(tmp_path: Path, row: str) -> 
 def test_numbers_beyond_all_floats_are_refused_in_words(make: Callable[[], object]) -> None:
     with pytest.raises(DescriptionError):
         make()
+
+
+@pytest.mark.parametrize(
+    ("part", "name"),
+    [
+        ({"parameters": [Real("round", 0, 1)]}, "round"),
+        ({"parameters": [Real("a", 0, 1)], "contexts": [Real("trial", 0, 1)]}, "trial"),
+        ({"parameters": [Real("load_noise", 0, 1)]}, "load_noise"),
+        ({"parameters": [Choice("status", ["completed", "failed"]), Real("a", 0, 1)]}, "status"),
+        ({"limits": [Limit("safe", at_most=1)]}, "safe"),
+        ({"limits": [Limit("load", at_most=1), Limit("gain_sd", at_most=1)]}, "gain_sd"),
+        ({"limits": [Limit("load", at_most=1), Limit("load_safe", at_most=1)]}, "load_safe"),
+        ({"limits": [Limit("completes", at_most=1)]}, "completes_safe"),
+        ({"objective": Objective("safe_probability")}, "safe_probability"),
+    ],
+)
+def test_no_name_is_that_of_another_column_of_the_tables(part: dict, name: str) -> None:
+    """A parameter `round` was shown as the number of the round, an input `load_noise` was told as noise."""
+    with pytest.raises(DescriptionError, match=f"two columns .* called '{name}'"):
+        box_system(**part)
+
+
+def test_values_of_numpy_are_choices_and_fixed_values_too() -> None:
+    choice = Choice("pads", np.array([1, 2]))
+    fixed = Fixed("gap", np.float32(0.5))
+    assert (choice.values, fixed.value) == ((1, 2), 0.5)
+    system = box_system(parameters=[choice, fixed, Choice("day", [np.str_("mon"), np.str_("tue")])])
+    assert System.from_dict(json.loads(json.dumps(system.to_dict(), allow_nan=False))) == system
+
+
+@pytest.mark.parametrize(
+    "values", [[float("nan"), 1.0], [1.0, float("inf")], [1, 1.0], [0.0, -0.0], [1, "1"]]
+)
+def test_a_choice_can_be_written_and_read_back(values: list) -> None:
+    """A description with NaN could not be written, and tables take 1 and 1.0 for one value."""
+    with pytest.raises(DescriptionError, match="'a'"):
+        Choice("a", values)
+
+
+def test_a_choice_called_na_is_no_missing_value_of_a_list(tmp_path: Path) -> None:
+    (tmp_path / "rows.csv").write_text("region,a\nNA,1\nNone,2\n")
+    (tmp_path / "s.yaml").write_text(
+        "name: s\nparameters:\n- {kind: choice, name: region, values: [NA, None]}\n"
+        "- {kind: real, name: a, lower: 0, upper: 3}\nobjective: {name: y}\n"
+        "limits: [{name: g, at_most: 9}]\nsettings: rows.csv\n"
+    )
+    study = Study(System.load(tmp_path / "s.yaml"))
+    study.observe([{"region": "NA", "a": 1.0, "y": 1.0, "g": 1.0}])
+    assert study.to_dataframe()["region"].tolist() == ["NA"]

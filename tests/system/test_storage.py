@@ -360,3 +360,18 @@ def test_the_study_of_a_list_goes_on_under_every_context(tmp_path: Path) -> None
     with pytest.raises(TrialError):
         study.tell(99, {"way": 1.0, "sway": 2.0})
     assert len(study) == 19, "a step that fails reads the state again"
+
+
+def test_a_setting_given_as_it_is_opens_the_study(tmp_path: Path) -> None:
+    """Its default, given when the study is opened again, was refused as another setting than None."""
+    Study.open(tmp_path / "plain", box_system())
+    study = Study.open(tmp_path / "plain", box_system(), empty_safe_set="abstain", max_fitted_trials=None)
+    assert study.settings == {}
+    for given in ({"empty_safe_set": "mark"}, {"alpha": 0.95}, {"nothing": 1}):
+        (key,) = given
+        with pytest.raises(StudyError, match=f"{key} of the study is"):
+            Study.open(tmp_path / "plain", **given)
+    Study.open(tmp_path / "promised", box_system(), alpha=0.95)
+    assert Study.open(tmp_path / "promised", alpha=0.95).settings == {"alpha": 0.95}
+    with pytest.raises(StudyError, match=r"beta of the study is .*; expected 2"):
+        Study.open(tmp_path / "promised", beta=2.0)

@@ -480,3 +480,32 @@ def test_nothing_is_gained_from_a_list_that_was_tried_whole() -> None:
     assert study.expected_gain() == 0.0
     with pytest.raises(TrialError, match="all 6 candidates"):
         study.ask()
+
+
+def test_nothing_is_given_twice(mixed: Study) -> None:
+    """Of two values under one name the last was taken, and nothing said."""
+    pairs = [("load", 1.0), ("load", 4.0)]
+    for context in (pairs, pd.Series([1.0, 4.0], index=["load", "load"])):
+        with pytest.raises(TableError, match="the context has 'load' twice"):
+            mixed.ask(context=context)
+    asked = mixed.ask(context={"load": 1.0})
+    results = run_mixed(asked.setting, asked.context)
+    with pytest.raises(TableError, match="ran has 'pulses' twice"):
+        mixed.tell(asked, results, ran=[("pulses", 2), ("pulses", 3)])
+    with pytest.raises(TableError, match="noise of 'heat' is in the results and in `noise`"):
+        mixed.tell(asked, results | {"heat_noise": 9.0}, noise={"heat": 0.1})
+    with pytest.raises(TableError, match="results has '1' twice"):
+        mixed.tell(asked, results | {1: 1.0, "1": 2.0})
+    assert mixed.pending().index.tolist() == [asked.trial]
+    mixed.tell(asked, results | {"heat_noise": 9.0}, noise={"grip": 0.1})
+
+
+def test_truth_values_are_no_numbers_and_words_no_truth_values(mixed: Study) -> None:
+    """`failed="no"` was taken as failed, and the trial True as trial 1."""
+    asked = mixed.ask(context={"load": 1.0})
+    with pytest.raises(TableError, match="failed is 'no'; expected True or False"):
+        mixed.tell(asked, failed="no")
+    for trial in (True, np.True_):
+        with pytest.raises(TableError, match=r"trial is .*True"):
+            mixed.tell(trial, run_mixed(asked.setting, asked.context))
+    mixed.tell(asked, failed=np.True_)

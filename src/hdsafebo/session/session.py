@@ -32,7 +32,7 @@ from hdsafebo.session.log.store import STARTING, Clock, MovedOnError, Store, utc
 from hdsafebo.session.rules import Rules, open_suggestion, recordable, require_idle, same_recording
 from hdsafebo.session.spaces.space import Report
 from hdsafebo.session.tightening import Change, require_same_limits, require_tighter
-from hdsafebo.session.words import checked_name, checked_text
+from hdsafebo.session.words import checked_name, checked_number, checked_text
 
 DISCLAIMER = "Research software, not a medical device: a qualified person decides about every trial."
 _DISCLAIMER_GENERIC = "Research software, not a safety system: a qualified person decides about every trial."
@@ -126,26 +126,28 @@ class Session:
             LimitError: the hard limits do not permit it.
             DefinitionError: the session file was tightened and not applied yet.
         """
-        person = checked_name(who)
+        person, number = checked_name(who), checked_number(suggestion, "suggestion")
         self._refresh_to_start()
-        self._append(person, "approved", {"suggestion": suggestion})
+        self._append(person, "approved", {"suggestion": number})
         return self._running()
 
     def modify(self, who: str, point: Point, reason: str, suggestion: int) -> LoggedTrial:
         """Replace the open suggestion's inputs by a person's, within the hard limits; see `approve`."""
         person, why = checked_name(who), checked_text(reason, "reason")
+        number = checked_number(suggestion, "suggestion")
         self._refresh_to_start()
-        open_suggestion(self.state, suggestion)
+        open_suggestion(self.state, number)
         checked = self.space.point(point)
-        self._append(person, "modified", {"suggestion": suggestion, "point": checked, "reason": why})
+        self._append(person, "modified", {"suggestion": number, "point": checked, "reason": why})
         return self._running()
 
     def refuse(self, who: str, reason: str, suggestion: int) -> LoggedSuggestion:
         """Turn the open suggestion down; it will not be made again. See `approve`."""
         person, why = checked_name(who), checked_text(reason, "reason")
+        number = checked_number(suggestion, "suggestion")
         self.refresh()
-        self._append(person, "refused", {"suggestion": suggestion, "reason": why})
-        return self.state.suggestions[suggestion - 1]
+        self._append(person, "refused", {"suggestion": number, "reason": why})
+        return self.state.suggestions[number - 1]
 
     def manual(self, who: str, point: Point, reason: str = "") -> LoggedTrial:
         """Start a trial of one's own within the hard limits; an open suggestion expires.
@@ -177,8 +179,9 @@ class Session:
             ProtocolError: no trial waits for a record, or another record exists, which stays.
         """
         person, kept = checked_name(who), checked_text(remark, "remark", needed=False)
+        wanted = None if trial is None else checked_number(trial, "trial")
         self.refresh()
-        number = recordable(self.state, trial).number
+        number = recordable(self.state, wanted).number
         labels = {"session": self.state.session, "trial": str(number)}
         measured = self.space.measure(report, labels)
         payload = {
@@ -195,8 +198,9 @@ class Session:
     def not_delivered(self, who: str, reason: str, trial: int | None = None) -> LoggedTrial:
         """Close the running trial without a result: it was not delivered."""
         person, why = checked_name(who), checked_text(reason, "reason")
+        wanted = None if trial is None else checked_number(trial, "trial")
         self.refresh()
-        number = recordable(self.state, trial).number
+        number = recordable(self.state, wanted).number
         empty: dict[str, Any] = {"outcomes": None, "safety": None, "details": {}}
         return self._record(person, {"trial": number, "failure": why, "delivered": False} | empty, [])
 
@@ -382,8 +386,10 @@ class Session:
         """
         self._require_as_seen()
         if kind in STARTING and self._waiting:
+            left = ", ".join(stop.token for stop in self._waiting)
             raise StoppedError(
-                f"the session is stopped ({self.stopped}); it can be resumed when the log can be written"
+                f"the session is stopped ({self.stopped}); it can be resumed when the log can be written and "
+                f"{left} removed from {self.store.directory}"
             )
         self._rules.check(self.state, kind, payload)
         self.store.append(self.state.head, person, kind, payload, files)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
+from numbers import Integral
 from typing import Any
 
 from hdsafebo.session.errors import ProtocolError
@@ -40,6 +41,13 @@ def checked_text(value: str, what: str, *, needed: bool = True, longest: int = L
     if hidden:
         raise ProtocolError(f"{what} holds control characters: {', '.join(hidden[:5])}")
     return words
+
+
+def checked_number(value: object, what: str) -> int:
+    """Number of a suggestion or trial, NumPy's own too; ProtocolError for what is no whole number."""
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise ProtocolError(f"{what} is {value!r:.80}, expected its number")
+    return int(value)
 
 
 def trimmed_text(value: object, longest: int, default: str) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hdsafebo.system.description import DEVIATION, SAFE
 from hdsafebo.system.problem import SettingsList, SystemProblem
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray, IntArray
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
     from hdsafebo.optimizers.base import Optimizer
 
-DEVIATION = "_sd"
-SAFE = "_safe"
 SAFE_PROBABILITY = "safe_probability"
 _SQRT_2PI = np.sqrt(2.0 * np.pi)
 _SPREAD = 2048

@@ -23,6 +23,11 @@ from hdsafebo.system.values import check_distinct, check_name
 if TYPE_CHECKING:
     pass
 
+NOISE, DEVIATION, SAFE = "_noise", "_sd", "_safe"
+"""Endings of the columns with known noise, with the deviation of a belief, and with its safe probability."""
+_COLUMNS = ("trial", "status", "safe", "initial", "round", "safe_probability", "marked_unsafe")
+"""Columns that a study's tables have beside the system's."""
+_COMPLETES = f"completes{SAFE}"
 _MAX_BYTES = 2**26
 Failures = Literal["unsafe", "ignored"]
 
@@ -77,6 +82,7 @@ class System:
             [*self.inputs, self.objective.name, *(limit.name for limit in self.limits)],
             "parameters, contexts, objective and limits",
         )
+        self._require_own_columns()
         if self.failures not in ("unsafe", "ignored"):
             raise DescriptionError(f"failures is {self.failures!r}; expected 'unsafe' or 'ignored'")
         if self.settings is not None:
@@ -86,6 +92,19 @@ class System:
                     "a list of settings cannot have constraints as well; leave the rows out that violate them"
                 )
         self.feasible  # noqa: B018 (constraints that cannot be met are found now)
+
+    def _require_own_columns(self) -> None:
+        """Raise DescriptionError for a name under which tables show something else."""
+        told = [*self.inputs, *self.outcomes, *(f"{name}{NOISE}" for name in self.outcomes), *_COLUMNS]
+        believed = [*self.outcomes, *(f"{name}{DEVIATION}" for name in self.outcomes), _COMPLETES]
+        believed += [f"{limit.name}{SAFE}" for limit in self.limits]
+        for columns in (told, believed):
+            for name in columns:
+                if columns.count(name) > 1:
+                    raise DescriptionError(
+                        f"two columns of a study's tables would be called {name!r}; expected other names of "
+                        "parameters, contexts, objective and limits"
+                    )
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -219,7 +238,8 @@ def read_settings(path: Path) -> dict[str, list[Any]]:
             # Of rows longer than the header, pandas would take the first value for a label, or drop the last.
             warnings.simplefilter("error", pd.errors.ParserWarning)
             content = BytesIO(read_bounded(path, _MAX_BYTES, DescriptionError))
-            table = pd.read_csv(content, index_col=False)
+            # Of texts only an empty one is missing: "NA" and "None" may be choices.
+            table = pd.read_csv(content, index_col=False, keep_default_na=False, na_values=[""])
     except (ValueError, pd.errors.ParserWarning) as error:
         raise DescriptionError(f"{path}: cannot be read: {error}") from None
     return {str(name): table[name].tolist() for name in table.columns}

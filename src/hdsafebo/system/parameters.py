@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from hdsafebo.system.errors import DescriptionError, TableError
-from hdsafebo.system.values import Number, check_distinct, check_name, finite, set_plain, shown
+from hdsafebo.system.values import Number, check_distinct, check_name, finite, plain_value, set_plain, shown
 from hdsafebo.typing import FloatArray
 
 _SLACK = 1e-9
@@ -236,17 +236,18 @@ class Choice:
     def __post_init__(self) -> None:
         check_name(self.name, "a parameter")
         what = f"parameter {self.name!r}"
-        if isinstance(self.values, str) or not isinstance(self.values, Sequence):
+        if isinstance(self.values, str) or not isinstance(self.values, Sequence | np.ndarray):
             raise DescriptionError(f"{what}: values are {self.values!r}; expected a list")
-        object.__setattr__(self, "values", tuple(self.values))
-        for value in self.values:
-            if not isinstance(value, str | int | float | bool):
-                raise DescriptionError(f"{what} can be {value!r}; expected texts, numbers or truth values")
+        object.__setattr__(self, "values", tuple(plain_value(v, what, "can be") for v in self.values))
         if len(self.values) < 2:
             raise DescriptionError(
                 f"{what} has {len(self.values)} values; expected at least two (or a Fixed)"
             )
         check_distinct(map(str, self.values), f"values of {what}")
+        numbers = [v for v in self.values if not isinstance(v, str | bool)]
+        check_distinct(
+            (f"{float(v) + 0.0!r}" for v in numbers), f"values of {what}"
+        )  # 1 is 1.0 in tables, and -0.0 is 0.0
 
     @property
     def spacing(self) -> float:
@@ -315,12 +316,7 @@ class Fixed:
 
     def __post_init__(self) -> None:
         check_name(self.name, "a parameter")
-        if not isinstance(self.value, str | int | float | bool):
-            raise DescriptionError(
-                f"parameter {self.name!r} is fixed at {self.value!r}; expected a text, number or truth value"
-            )
-        if not isinstance(self.value, str | bool):
-            finite(self.value, f"parameter {self.name!r}: value")
+        object.__setattr__(self, "value", plain_value(self.value, f"parameter {self.name!r}", "is fixed at"))
 
     @property
     def width(self) -> int:

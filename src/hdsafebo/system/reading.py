@@ -18,7 +18,7 @@ from hdsafebo.system.codec import BoxCodec
 from hdsafebo.system.description import System
 from hdsafebo.system.errors import TableError
 from hdsafebo.system.problem import SystemProblem
-from hdsafebo.system.tables import NOISE, STATUS, TRIAL, columns_of, require, result_names
+from hdsafebo.system.tables import NOISE, STATUS, TRIAL, by_name, columns_of, require, result_names
 from hdsafebo.system.values import finite
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import BoolArray, FloatArray
@@ -76,10 +76,11 @@ def one_of_each(values: Any, what: str) -> dict[str, list[Any]]:
         TableError: they have no names, or one name has no value or several.
     """
     try:
-        named = dict(() if values is None else values)
+        # Pairs and a Series may hold a name twice, of which `dict` would keep the last.
+        pairs = [] if values is None else [(n, v) for n, v in getattr(values, "items", lambda: values)()]
     except (TypeError, ValueError):
         raise TableError(f"{what} is {type(values).__name__}; expected values by name") from None
-    columns = columns_of(named, what)
+    columns = columns_of(by_name(pairs, what), what)
     for name, column in columns.items():
         if len(column) != 1:
             raise TableError(f"{what} has {len(column)} values of {name!r}; expected one")
@@ -141,6 +142,8 @@ def results_of_one(
     Raises:
         TableError: a result is missing or unknown, or the results are of several trials.
     """
+    if not isinstance(failed, bool | np.bool_):  # "no" would be true
+        raise TableError(f"failed is {failed!r}; expected True or False")
     if failed:
         if results:
             raise TableError("a failed trial has no results; leave them out, or tell it as completed")
@@ -149,6 +152,8 @@ def results_of_one(
         raise TableError(f"results are missing; expected {', '.join(system.outcomes)}, or failed=True")
     columns = columns_of(results, "results")
     for name, value in mapping(noise, "noise").items():
+        if name + NOISE in columns:
+            raise TableError(f"the noise of {name!r} is in the results and in `noise`; expected it once")
         columns[name + NOISE] = [value]
     require(columns, system.outcomes, result_names(system), "results")
     if len(columns[system.outcomes[0]]) != 1:

@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from hdsafebo.errors import HdSafeBOError, ParamsError
 from hdsafebo.files.atomic import WriteError, write_json
@@ -202,6 +202,23 @@ class Folder:
                 f"{self.state}: is of a study by {plan.method} with other settings: {loaded!r}; expected "
                 f"{begun!r}"
             )
+
+    def check_given(self, begun: BaseModel, given: Mapping[str, Any]) -> None:
+        """Raise StudyError when settings are given that would change those that the study was begun with.
+
+        One that is given as it is, though nobody set it when the study was begun, changes nothing.
+        """
+        for key, value in given.items():
+            if value is None:
+                continue
+            try:
+                with_it = type(begun)(**(begun.model_dump(exclude_unset=True) | {key: value}))
+                same = with_it.model_dump() == begun.model_dump()
+            except ValidationError:
+                same = False
+            if not same:
+                known = getattr(begun, key, None)
+                raise StudyError(f"{self.path}: {key} of the study is {known!r}; expected {value!r}")
 
     def forget(self) -> None:
         """What is known here may differ from the state: read it again."""

@@ -100,15 +100,14 @@ class Study:
             kept = begun._optimizer.settings.model_dump(mode="json", exclude_unset=True)
             folder.create(system, Plan(plan.method, plan.seed, kept), begun._optimizer.save)
         stored, plan = folder.read()
-        given = {"method": method, "seed": seed, **settings}
-        known = {"method": plan.method, "seed": plan.seed, **plan.settings}
-        for key, value in given.items():
-            if value is not None and known.get(key) != value:
-                raise StudyError(f"{path}: {key} of the study is {known.get(key)!r}; expected {value!r}")
+        for key, value, known in (("method", method, plan.method), ("seed", seed, plan.seed)):
+            if value is not None and value != known:
+                raise StudyError(f"{path}: {key} of the study is {known!r}; expected {value!r}")
         if system is not None:
             check_same(path, stored.to_dict(), system.to_dict())
         study = cls.__new__(cls)
         study._begin(stored, plan, folder)
+        folder.check_given(study._settings, settings)
         with study._current():
             folder.clean()
         return study
@@ -201,6 +200,8 @@ class Study:
             TableError: a name is missing or unknown, or a value is out of range or no finite number.
             TrialError: an unknown trial, or a result that conflicts with an earlier one, which stays.
         """
+        if isinstance(trial, bool | np.bool_):  # Python takes True for the number 1
+            raise TableError(f"trial is {trial!r}; expected a suggestion, its number or a table")
         if isinstance(trial, Suggestion | int | np.integer):
             number = trial.trial if isinstance(trial, Suggestion) else int(trial)
             ids = [number]

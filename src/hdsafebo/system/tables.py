@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hdsafebo.system.description import System
+from hdsafebo.system.description import NOISE, System
 from hdsafebo.system.errors import TableError
 from hdsafebo.system.values import finite
 from hdsafebo.trials import Status
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     Table = pd.DataFrame | Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
-NOISE = "_noise"
-"""Ending of the columns with known standard deviations."""
 STATUS = "status"
 TRIAL = "trial"
 _STATES = {"completed": Status.COMPLETED, "failed": Status.FAILED}
@@ -54,25 +52,21 @@ def columns_of(table: Table, what: str) -> dict[str, list[Any]]:
         TableError: it is none of these, or its rows have different names.
     """
     if hasattr(table, "columns") and hasattr(table, "itertuples"):
-        names = [str(c) for c in table.columns]
-        twice = sorted({n for n in names if names.count(n) > 1})
-        if twice:
-            raise TableError(f"{what} has the column {twice[0]!r} twice")
-        return {name: table.iloc[:, j].tolist() for j, name in enumerate(names)}  # type: ignore[union-attr]
+        return by_name(((n, table.iloc[:, j].tolist()) for j, n in enumerate(table.columns)), what)  # type: ignore[union-attr]
     if isinstance(table, Mapping):
         lists = {
             n: isinstance(v, list | tuple) or (isinstance(v, np.ndarray) and v.ndim > 0)
             for n, v in table.items()
         }
         if lists and all(lists.values()):
-            columns = {str(n): list(v) for n, v in table.items()}
+            columns = {n: list(v) for n, v in by_name(table.items(), what).items()}
             if len({len(v) for v in columns.values()}) > 1:
                 raise TableError(f"{what} has columns of lengths { {n: len(v) for n, v in columns.items()} }")
             return columns
         if any(lists.values()):
             mixed = sorted(n for n, is_list in lists.items() if is_list)
             raise TableError(f"{what} has lists under {', '.join(mixed)} and single values elsewhere")
-        return {str(n): [v] for n, v in table.items()}
+        return {n: [v] for n, v in by_name(table.items(), what).items()}
     if isinstance(table, Sequence) and not isinstance(table, str | bytes):
         if not all(isinstance(row, Mapping) for row in table):
             raise TableError(f"{what} is a list of {type(table[0]).__name__}; expected records with names")
@@ -80,11 +74,25 @@ def columns_of(table: Table, what: str) -> dict[str, list[Any]]:
         for i, row in enumerate(table):
             if set(row) != set(names):
                 raise TableError(f"{what}, row {i}: names {sorted(row)}; expected {sorted(names)}")
-        return {str(n): [row[n] for row in table] for n in names}
+        return by_name(((n, [row[n] for row in table]) for n in names), what)
     raise TableError(
         f"{what} is {type(table).__name__}; expected a DataFrame, a record or a list of records, "
         "whose names say which value is which"
     )
+
+
+def by_name(pairs: Iterable[tuple[Any, Any]], what: str) -> dict[str, Any]:
+    """Values by name.
+
+    Raises:
+        TableError: a name is given twice: nobody knows which value was meant.
+    """
+    named: dict[str, Any] = {}
+    for name, value in pairs:
+        if str(name) in named:
+            raise TableError(f"{what} has {str(name)!r} twice")
+        named[str(name)] = value
+    return named
 
 
 def require(

@@ -59,6 +59,20 @@ def set_plain(part: object, what: str, *names: str) -> None:
             object.__setattr__(part, name, plain(value, f"{what}: {name}"))
 
 
+def plain_value(value: object, what: str, verb: str) -> str | int | float | bool:
+    """A text, number or truth value as Python's own, so that a description can be written.
+
+    Raises:
+        DescriptionError: it is none of these, or a number that is not finite, which no file can hold.
+    """
+    own = value.item() if isinstance(value, np.generic) else value
+    if isinstance(own, str | bool):
+        return own
+    if not isinstance(own, int | float):
+        raise DescriptionError(f"{what} {verb} {value!r}; expected a text, a number or a truth value")
+    return plain(own, f"{what}: value")
+
+
 def check_name(name: object, what: str) -> None:
     """Raise `DescriptionError` unless `name` can head a column of a table."""
     if (

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import hashlib
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -286,3 +288,50 @@ def test_a_step_is_refused_where_the_log_is_not_as_it_was_seen(make_session: Mak
                 step()
     assert [e.kind for e in session.entries] == ["created", "noted"]
     session.note("ann", "x")
+
+
+@pytest.mark.parametrize("name", [b"STOP-\xff\xfe", b"STOP-" + b"\xff" * 200, "STOP-\u202e\n".encode()])
+def test_a_stop_is_obeyed_whatever_its_file_is_called(
+    make_session: Make, tmp_path: Path, name: bytes
+) -> None:
+    """A name that is no UTF-8 could not be written into the log, and the session not be opened again."""
+    session = make_session()
+    Path(os.fsdecode(os.fsencode(session.store.directory) + b"/" + name)).touch()
+    session.store.back_up(tmp_path / "copy")
+    for directory in (session.store.directory, tmp_path / "copy"):
+        opened = Session.open(directory)
+        assert opened.stopped
+        opened.resume("ann")
+        assert Session.open(directory).stopped is None
+        verify_session(Session.open(directory))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        {"who": 5, "reason": "r", "time": "t"},
+        {"who": "a" * 300, "reason": "r" * 3000, "time": "t" * 3000},
+        {"who": "a", "reason": None, "time": None},
+        {"who": "\ud800", "reason": "\u202e", "time": "\ud800"},
+        {"who": "", "reason": "", "time": []},
+    ],
+)
+def test_a_stop_that_others_wrote_can_be_resumed(make_session: Make, words: dict[str, Any]) -> None:
+    """Words that no log can hold waited for ever, and nobody could resume; with no reason none was shown."""
+    session = make_session()
+    text = json.dumps(words).encode()
+    content = hashlib.sha256(text).hexdigest().encode() + b" " + text
+    (session.store.directory / f"{PREFIX}x").write_bytes(content)
+    session.refresh()
+    assert session.stopped
+    assert pending(session.store.directory) == []
+    session.resume("ann")
+    verify_session(Session.open(session.store.directory))
+
+
+def test_what_keeps_a_session_stopped_is_named(make_session: Make) -> None:
+    session = make_session()
+    (session.store.directory / f"{PREFIX}folder").mkdir()  # nobody but its owner removes it
+    session.refresh()
+    with pytest.raises(StoppedError, match=f"{PREFIX}folder removed from {session.store.directory}"):
+        session.resume("ann")

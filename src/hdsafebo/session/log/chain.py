@@ -65,9 +65,12 @@ def seal(seq: int, time: str, who: str, kind: str, payload: dict[str, Any], prev
     Raises:
         AuditError: the payload is not what entries of its kind hold.
     """
-    line = canonical(
-        {"seq": seq, "time": time, "who": who, "kind": kind, "payload": payload, "previous": previous}
-    )
+    try:
+        line = canonical(
+            {"seq": seq, "time": time, "who": who, "kind": kind, "payload": payload, "previous": previous}
+        )
+    except (TypeError, ValueError) as error:  # no plain data, or a name of a file that is no UTF-8
+        raise AuditError(f"log entry {seq} ({kind}): cannot be written: {error}") from None
     return read_line(line, f"log entry {seq}")
 
 

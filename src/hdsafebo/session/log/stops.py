@@ -49,8 +49,8 @@ class Stop:
 
     @property
     def token(self) -> str:
-        """Tells it from every other stop."""
-        return self.path.name
+        """Tells it from every other stop; the log can hold it, whatever bytes the file is called by."""
+        return os.fsencode(self.path.name).decode("utf-8", "backslashreplace")
 
 
 def press(directory: Path, who: object, reason: object, time: datetime) -> Stop:
@@ -116,7 +116,7 @@ def hand_on(stops: Sequence[Stop], directory: Path) -> None:
     """
     make_durable_directory(directory)
     for stop in stops:
-        with replacing(directory / stop.token) as temporary:
+        with replacing(directory / stop.path.name) as temporary:
             temporary.write_bytes(_kept(stop.who, stop.reason, stop.time))
 
 
@@ -136,8 +136,11 @@ def _read(path: Path) -> Stop:
         if hashlib.sha256(text).hexdigest().encode() != digest:
             raise ValueError("damaged")
         words = json.loads(text)
-        return Stop(path, words["who"], words["reason"], words["time"])
+        # A file that others wrote may hold anything; what no log can hold could never be taken in.
+        who = trimmed_text(words["who"], LONGEST_NAME, "unnamed")
+        reason = trimmed_text(words["reason"], LONGEST, "stop")
+        return Stop(path, who, reason, trimmed_text(words["time"], LONGEST_NAME, ""))
     except BlockingIOError:
         return Stop(path, "unnamed", _UNDER_WAY, "", complete=False)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, RecursionError, KeyError, TypeError):
         return Stop(path, "unnamed", _DAMAGED, "")

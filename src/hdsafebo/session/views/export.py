@@ -60,14 +60,13 @@ def _trial_row(session: Session, trial: LoggedTrial) -> Row:
         "target": trial.target,
         "status": trial.status,
         "delivered": trial.delivered,
-        **session.space.row(trial.point),
     }
-    row |= {f"outcome_{t}": (trial.outcomes or {}).get(t) for t in session.space.targets}
-    row |= {f"safety_{s.name}": (trial.safety or {}).get(s.name) for s in session.space.safety}
-    row |= {f"score_{rater}": score for rater, score in trial.details.get("scores", {}).items()}
+    after: Row = {f"outcome_{t}": (trial.outcomes or {}).get(t) for t in session.space.targets}
+    after |= {f"safety_{s.name}": (trial.safety or {}).get(s.name) for s in session.space.safety}
+    after |= {f"score_{rater}": score for rater, score in trial.details.get("scores", {}).items()}
     if trial.details.get("mu") is not None:
-        row |= {f"mu_{t}": mu for t, mu in zip(session.space.targets, trial.details["mu"], strict=True)}
-    return row | {
+        after |= {f"mu_{t}": mu for t, mu in zip(session.space.targets, trial.details["mu"], strict=True)}
+    after |= {
         "safe": None if trial.safety is None else not is_unsafe(session, trial),
         "predicted_mean": belief.get("objective", {}).get("mean"),
         "predicted_sd": belief.get("objective", {}).get("sd"),
@@ -80,21 +79,28 @@ def _trial_row(session: Session, trial: LoggedTrial) -> Row:
         "recorded": trial.recorded,
         "recording": (trial.details.get("recording") or {}).get("name"),
     }
+    return _with_inputs(row, session.space.row(trial.point), after)
 
 
 def _suggestion_rows(session: Session) -> list[Row]:
     return [
-        {
-            "suggestion": s.number,
-            "target": s.target,
-            "decision": s.decision,
-            **session.space.row(s.point),
-            "predicted_mean": s.belief["objective"]["mean"],
-            "predicted_sd": s.belief["objective"]["sd"],
-            "predicted_safe_probability": s.belief["safe_probability"],
-        }
+        _with_inputs(
+            {"suggestion": s.number, "target": s.target, "decision": s.decision},
+            session.space.row(s.point),
+            {
+                "predicted_mean": s.belief["objective"]["mean"],
+                "predicted_sd": s.belief["objective"]["sd"],
+                "predicted_safe_probability": s.belief["safe_probability"],
+            },
+        )
         for s in session.state.suggestions
     ]
+
+
+def _with_inputs(before: Row, inputs: Row, after: Row) -> Row:
+    """A row with its inputs; one that is called as another column, such as `target`, is `input_target`."""
+    taken = {*before, *after}
+    return before | {f"input_{n}" if n in taken else n: v for n, v in inputs.items()} | after
 
 
 def _write_csv(columns: list[str], rows: list[Row], path: Path) -> None:

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import secrets
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +60,14 @@ class _Halt:
     Attributes:
         reason: as far as it is known.
         token: names it in the log; empty until it is on the disk.
+        ended: it is on the disk, or cannot be kept there.
+        name: tells people's views of it from those of another one.
     """
 
     reason: str = "STOP"
     token: str = ""
+    ended: bool = False
+    name: str = field(default_factory=lambda: secrets.token_hex(8))
 
 
 class Page:
@@ -79,6 +84,7 @@ class Page:
         self._working, self._viewing = threading.Lock(), threading.Lock()
         self._directory = directory
         self._halted: _Halt | None = None  # STOP was pressed here, and the log does not say so yet
+        self._halting = threading.Lock()  # held for no longer than an assignment takes
         self._looks, self._steps = CapacityLimiter(_LOOKS_AT_ONCE), CapacityLimiter(_STEPS_AT_ONCE)
 
     def app(self, token: str | None) -> Guard:
@@ -128,8 +134,10 @@ class Page:
         session = self._viewer
         trials = session.state.trials[-_HISTORY:]
         space = session.space
+        halt = self._halted
         return status(session) | {
-            "stopped": session.stopped if self._halted is None else self._halted.reason,
+            "stopped": session.stopped if halt is None else halt.reason,
+            "halt": "" if halt is None else halt.name,
             "inputs": list(space.inputs),
             "entries": list(space.entries),
             "takes_recordings": space.takes_recordings,
@@ -158,15 +166,26 @@ class Page:
         session.refresh()
         halt = self._halted
         if halt is not None and halt.token in session.state.stops:
-            self._halted = None
+            self._is_over(halt)
+
+    def _is_over(self, halt: _Halt | None) -> None:
+        """Obey a stop no longer, unless it is another one by now: somebody pressed again."""
+        with self._halting:
+            if self._halted is halt:
+                self._halted = None
 
     def _require_not_halted(self, name: str, what_to_do: str) -> None:
         if self._halted is not None and name in _BARRED:
             raise StoppedError(f"STOP was pressed ({self._halted.reason}){what_to_do}")
 
     def _resume(self, body: Body) -> None:
-        """Go on; a stop that could not be kept on the disk is written into the log first."""
+        """Go on; a stop that could not be kept on the disk is written into the log first.
+
+        Nobody goes on over a stop that his page did not show yet, or that is still being written down.
+        """
         halt, known = self._halted, len(self._worker.entries)
+        if halt is not None and (body.get("halt") != halt.name or not halt.ended):
+            raise MovedOnError("STOP was pressed meanwhile: look, then resume")
         if halt is not None and not halt.token:
             self._worker.stop(body["who"], halt.reason)
         added = self._worker.entries[known:]
@@ -174,8 +193,7 @@ class Page:
             raise MovedOnError("the session was stopped again meanwhile: look, then resume")
         with self._worker.seen_at(added[-1].hash if added else body["head"]):
             self._worker.resume(body["who"])
-        if self._halted is halt:  # nobody pressed again meanwhile
-            self._halted = None
+        self._is_over(halt)
 
     def _record(self, body: Body) -> None:
         recording = None
@@ -189,7 +207,9 @@ class Page:
 
     async def _stop(self, request: Request) -> Response:
         """Obey first, then read who and why, then write it down."""
-        halt = self._halted = _Halt()
+        halt = _Halt()
+        with self._halting:
+            self._halted = halt
         words = await _words_of_stop(request)
         halt.reason = trimmed_text(words.get("reason"), LONGEST, "stop button")
         done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
@@ -204,6 +224,7 @@ class Page:
             halt.token = press(self._directory, who, halt.reason, utc_now()).token
         except SessionError as error:
             problem = str(error)
+        halt.ended = True
         done.get_loop().call_soon_threadsafe(done.set_result, problem)
 
     def _look(self, body: Body) -> Body:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 import secrets
 import socket
 from contextlib import suppress
@@ -10,6 +11,9 @@ from pathlib import Path
 
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.web.guard import is_loopback
+
+_NAME = re.compile(r"[\w.:%-]+")
+"""Names and addresses; C ends a name at a zero byte, and takes * for every address."""
 
 
 def serve(directory: Path, host: str, port: int) -> None:
@@ -57,6 +61,8 @@ def listening(host: str, port: int) -> list[socket.socket]:
     Raises:
         SessionError: the host or the port does not exist, is taken or needs other rights.
     """
+    if not _NAME.fullmatch(host):
+        raise SessionError(f"the page cannot listen on {host[:80]!r}: no name or address of a computer")
     sockets: list[socket.socket] = []
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
@@ -72,6 +78,8 @@ def listening(host: str, port: int) -> list[socket.socket]:
                 if error.errno != errno.EADDRNOTAVAIL:
                     raise
                 sockets.pop().close()  # this computer has no address of that family
+        for one in sockets:
+            one.listen()  # a port that is only bound can be bound twice, and one of the two answers
         if not sockets:
             raise OSError(errno.EADDRNOTAVAIL, "none of its addresses is of this computer")
     except (OSError, OverflowError, UnicodeError) as error:

@@ -42,7 +42,7 @@ async function send(step, body, file) {
   setBusy(true);
   say("");
   try {
-    const result = await call(step, { who: byId("who").value, head: seen && seen.head.hash, ...body }, file);
+    const result = await call(step, { who: byId("who").value, head: seen && seen.head.hash, halt: seen && seen.halt, ...body }, file);
     if (result.error) say(result.error);
     else editing = null;
   } catch (error) {
