@@ -27,6 +27,11 @@ METADATA = {
 NO_FAULTS = {"fits": 0, "jitters": 0, "fallbacks": 0, "marked": 0, "missing": 0, "abstained": None}
 
 
+def counts_of(missing: int) -> dict[str, Any]:
+    """Counts of a run that lacks trials of its budget, which only an abstention explains."""
+    return NO_FAULTS | {"missing": missing, "abstained": "no point is believed safe" if missing else None}
+
+
 def trial_table(
     seed: int,
     objective: Sequence[float],
@@ -91,7 +96,7 @@ def write_run(
     lengths = frame.groupby("seed")["trial"].max() + 1
     n_trials = int(lengths.max())
     sizes = {"seeds": seeds, "n_initial": n_initial, "batch": batch, "n_trials": n_trials}
-    sizes["counts"] = [NO_FAULTS | {"missing": n_trials - int(lengths[seed])} for seed in seeds]
+    sizes["counts"] = [counts_of(n_trials - int(lengths[seed])) for seed in seeds]
     if given := cast(list[dict[str, Any]], metadata.get("counts")):
         sizes["n_trials"] = int(lengths[seeds[0]]) + given[0]["missing"]
         for seed, counts in zip(seeds, given, strict=False):

@@ -45,7 +45,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
             )
         extra: dict[str, object] = {}
         if method == "hdsafebo":
-            counts = {"fits": 4, "jitters": 1, "fallbacks": 2, "marked": 2, "missing": 5, "abstained": None}
+            counts = {"fits": 4, "jitters": 1, "fallbacks": 2, "marked": 2, "missing": 5, "abstained": "why"}
             extra = {"beta": 2.0, "guaranteed_alpha": float(norm.sf(2.0)), "counts": [counts] * 8}
         write_run(root, "synthetic", method, tables, n_initial=2, batch=1, thresholds=[-0.75], **extra)
     build(root)

@@ -55,6 +55,15 @@ def test_no_folder_is_no_runs(tmp_path: Path) -> None:
         (lambda t: t.assign(trial=t["trial"] - 1), "trials other than 0, 1, 2"),
         (lambda t: t.assign(initial=True), "initial trials outside round 0"),
         (lambda t: t.assign(objective="much"), "wrong type"),
+        (lambda t: t.assign(objective=t["objective"].fillna(9.0)), "failed trials with results"),
+        (
+            lambda t: t.assign(safe=t["safe"] | (t["status"] == "failed")),
+            "failed trials with results, or safe",
+        ),
+        (lambda t: t.assign(violation_bound=-1.0), "negative sizes"),
+        (lambda t: t.assign(round=t["round"] * 7), "rounds other than 0, 1, 2"),
+        (lambda t: t.assign(round=-t["round"]), "rounds other than 0, 1, 2"),
+        (lambda t: t.assign(candidate=-5), "candidates below -1"),
     ],
 )
 def test_malformed_rows_are_refused(
@@ -71,6 +80,8 @@ def test_malformed_rows_are_refused(
     [
         ({"n_trials": 5}, "trials other than the 5 of the metadata less those missing"),
         ({"counts": [NO_FAULTS | {"missing": 1}], "n_trials": 4}, "less those missing"),
+        ({"counts": [NO_FAULTS | {"missing": 1}]}, "trials missing of runs that did not abstain"),
+        ({"counts": [NO_FAULTS | {"jitters": -1}]}, "negative counts"),
         ({"n_initial": 1}, "initial trials other than the 1 of the metadata"),
         ({"counts": [NO_FAULTS | {"marked": 3}]}, "marked trials other than those of the counts"),
         ({"batch": 1}, "rounds of more than 1 trials"),

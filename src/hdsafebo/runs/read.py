@@ -112,6 +112,8 @@ def _check(path: Path, meta: RunMetadata, frame: pd.DataFrame) -> None:
     done = frame[frame["status"] == "completed"]
     probability = frame["predicted_safe_probability"].dropna()
     times = frame[list(TIMES)].to_numpy()
+    failed = frame[frame["status"] == "failed"]
+    never_negative = frame[["modelled_violation", "violation_bound", "trust_region_length"]].to_numpy()
     faults = {
         "no rows": frame.empty,
         "trials that appear twice": bool(repeated.any()),
@@ -120,6 +122,12 @@ def _check(path: Path, meta: RunMetadata, frame: pd.DataFrame) -> None:
             done[["objective", "safety", "violation"]].to_numpy()
         ).all(),
         "negative violations": bool((done["violation"] < 0).any()),
+        "failed trials with results, or safe": bool(
+            failed[["objective", "safety", "violation"]].notna().any(axis=None) or failed["safe"].any()
+        ),
+        "negative sizes": bool((never_negative < 0).any()),
+        "rounds other than 0, 1, 2, ... of a seed": not _numbered(frame, "round"),
+        "candidates below -1": bool((frame["candidate"] < -1).any()),
         "safe trials with a violation": bool((done["safe"] & (done["violation"] > 0)).any()),
         "safe probabilities outside [0, 1]": bool(((probability < 0) | (probability > 1)).any()),
         "negative or infinite times": not np.isfinite(times).all() or bool((times < 0).any()),
@@ -127,6 +135,14 @@ def _check(path: Path, meta: RunMetadata, frame: pd.DataFrame) -> None:
         "initial trials outside round 0": bool((frame["initial"] != (frame["round"] == 0)).any()),
         f"seeds {meta.seeds}, some twice": len(set(meta.seeds)) < len(meta.seeds),
         f"counts of {len(meta.counts)} runs, expected one per seed": len(meta.counts) != len(meta.seeds),
+        "negative counts": any(
+            value < 0
+            for c in meta.counts
+            for value in c.model_dump(exclude={"abstained"}, exclude_none=True).values()
+        ),
+        "trials missing of runs that did not abstain": any(
+            c.missing > 0 and c.abstained is None for c in meta.counts
+        ),
         f"seeds other than those of the metadata {meta.seeds}": set(frame["seed"]) != set(meta.seeds),
     }
     faults |= _against_metadata(meta, frame)
@@ -161,7 +177,7 @@ def _against_metadata(meta: RunMetadata, frame: pd.DataFrame) -> dict[str, bool]
     }
 
 
-def _numbered(frame: pd.DataFrame) -> bool:
-    """Whether the trials of each seed are numbered from 0 without a gap."""
-    sizes = frame.groupby("seed")["trial"].agg(["min", "max", "nunique"])
+def _numbered(frame: pd.DataFrame, column: str = "trial") -> bool:
+    """Whether the trials (or rounds) of each seed are numbered from 0 without a gap."""
+    sizes = frame.groupby("seed")[column].agg(["min", "max", "nunique"])
     return bool(((sizes["min"] == 0) & (sizes["max"] + 1 == sizes["nunique"])).all())
