@@ -99,6 +99,14 @@ def test_rows_must_be_those_of_which_the_metadata_speaks(
         read_run(path)
 
 
+def test_a_rounded_safety_may_lie_at_the_other_side_of_the_threshold(tmp_path: Path) -> None:
+    table = one_run().assign(
+        safety=[-0.7501, -1.0, 0.1, float("nan")], violation=[0.0, 0.25, 0.0, float("nan")]
+    )
+    path = write_run(tmp_path, "toy", "sobol", [table], n_initial=2, batch=2, thresholds=[-0.75])
+    assert read_run(path).trials["safe"].tolist() == [True, False, True, False]
+
+
 def test_seeds_must_be_those_of_the_metadata(tmp_path: Path) -> None:
     path = write_run(tmp_path, "toy", "sobol", [one_run()], n_initial=2, batch=2, seeds=[3, 4])
     with pytest.raises(DatasetError, match="seeds other than"):

@@ -28,6 +28,9 @@ from hdsafebo.runs.schema import (
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_ROUNDED = 2.0**-12
+"""Relative error of the values of kept evidence, in which what was safe stays as it was decided."""
+
 
 @dataclass(frozen=True)
 class RunFile:
@@ -171,10 +174,16 @@ def _against_metadata(meta: RunMetadata, frame: pd.DataFrame) -> dict[str, bool]
         f"thresholds {meta.thresholds}, expected one for each of {meta.safety_names}": len(meta.thresholds)
         != len(meta.safety_names),
         f"safe trials other than those at or above the threshold {meta.thresholds}": len(meta.thresholds) == 1
-        and bool((done["safe"] != (done["safety"] >= meta.thresholds[0])).any()),
+        and _contradicted(done, meta.thresholds[0]),
         f"guaranteed_alpha {meta.guaranteed_alpha}, expected 1 - Phi(beta)": meta.guaranteed_alpha is not None
         and (meta.beta is None or not math.isclose(meta.guaranteed_alpha, norm.sf(meta.beta), abs_tol=1e-9)),
     }
+
+
+def _contradicted(done: pd.DataFrame, threshold: float) -> bool:
+    """Whether a trial was called safe below the threshold, or unsafe above it, by more than rounding."""
+    beyond = (done["safety"] - threshold).abs() > _ROUNDED * abs(threshold)
+    return bool((beyond & (done["safe"] != (done["safety"] >= threshold))).any())
 
 
 def _numbered(frame: pd.DataFrame, column: str = "trial") -> bool:
