@@ -142,8 +142,12 @@ def _keep_reference(arguments: argparse.Namespace) -> None:
 
     folder, missing = keep_reference(arguments.root)
     print(f"kept in {folder}")
-    if missing:
-        print(f"not run yet, and said so in the report: {', '.join(missing)}")
+    by_task: dict[str, list[str]] = {}
+    for name in missing:
+        task, method = name.split("-", 1)
+        by_task.setdefault(task, []).append(method)
+    for task, methods in by_task.items():
+        print(f"not run yet: {task}: {', '.join(methods)}")
 
 
 if __name__ == "__main__":

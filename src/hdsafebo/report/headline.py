@@ -98,7 +98,7 @@ def _claims(evidence: Path) -> tuple[str, str, str]:
     """Counts of the verdicts on the paper's claims."""
     asked, link = "Do the paper's claims hold here?", "[claims](docs/reproduction/claims.md)"
     if not (evidence / RUNS).is_dir():
-        return asked, "not graded yet: the kept run is of an earlier comparison", link
+        return asked, "not graded: no run is kept", link
     params = load_params(evidence / PARAMS)
     runs, _ = read_planned(evidence / RUNS, planned_runs(params))
     results = Results(runs, Uncertainty(**params.report.model_dump()))

@@ -16,11 +16,7 @@ from hdsafebo.report.data.planned import planned_runs, read_planned
 from hdsafebo.report.data.results import Results, Uncertainty
 from hdsafebo.report.formatting import number, with_error
 
-NO_RUN = (
-    "The report in `reports/reference` is of an earlier comparison, in which methods were given different "
-    "information and `hdsafebo` meant another reading of the paper. Its numbers are not repeated here; the "
-    "next reference run writes this section."
-)
+NO_RUN = "No run is kept in `reports/reference`."
 
 
 def runs_markdown(evidence: Path) -> str:
