@@ -45,6 +45,9 @@ def test_every_method_with_kept_runs_has_its_curve_and_the_others_say_so(project
     names = {page.name for page in methods.method_pages()}
     runs = {path.stem for path in (project_root / OUTSIDE).parent.glob("*.json")} & names
     assert {"hdsafebo", "hdsafebo_local", "scbo", "cmaes"} <= runs
+    kept = (project_root / curves.EVIDENCE).glob("synthetic-*.parquet")
+    runs |= {path.stem.removeprefix("synthetic-") for path in kept} & names
+    assert "safeopt" in runs
     drawn = curves.write(project_root, sorted(names))
     assert set(drawn) == {f"{curves.FOLDER}/{name}.svg" for name in runs}
     assert drawn == curves.write(project_root, sorted(names)), "drawn twice, it is the same"
@@ -52,7 +55,7 @@ def test_every_method_with_kept_runs_has_its_curve_and_the_others_say_so(project
     for name in names:
         shown = text(project_root, f"docs/methods/{name}.md")
         assert (f"](curves/{name}.svg)" in shown) == (name in runs)
-        assert ("No runs of it on" in shown) == (name not in runs)
+        assert ("No runs of it are kept" in shown) == (name not in runs)
 
 
 def test_a_curve_is_of_the_runs() -> None:
@@ -67,6 +70,16 @@ def test_a_curve_is_of_the_runs() -> None:
     assert (panel.label, panel.optimum, panel.safe) == ("b", 5.0, 0.75)
     assert panel.own.tolist() == [[0, 1, 2], [0, 3, 4]]
     assert [other.tolist() for other in panel.others] == [[0, 9]]
+
+
+def test_a_curve_of_the_synthetic_task_is_of_its_runs(project_root: Path) -> None:
+    runs = curves.read_synthetic(project_root)
+    panel = curves.synthetic_panel(runs, "safeopt")
+    trials = runs["safeopt"].trials
+    for best, (_, own) in zip(panel.own, trials.groupby("seed"), strict=True):
+        assert best[-1] == own.loc[own["safe"], "objective"].max()
+    assert panel.own.shape == (20, 31), "300 trials in rounds of ten, and what was known before"
+    assert (panel.optimum, panel.batch, len(panel.others)) == (None, 10, len(runs) - 1)
 
 
 def test_every_setting_of_every_method_is_on_its_page_with_its_meaning(project_root: Path) -> None:

@@ -1,8 +1,8 @@
-"""Pictures of the methods on problems that others wrote, from the runs that are kept of them.
+"""Pictures of the methods, from the runs that are kept of them.
 
-The best safe value over the number of trials, a panel for each of two problems: the median of the seeds as a
-line, their range as a band, the medians of the other methods in grey. Runs keep one share of safe trials
-each, so that it is a number beside the curve. A picture has its own background, light or dark.
+The best safe value over the number of trials, on two of the problems that others wrote or else on the paper's
+synthetic task: the median of the seeds as a line, their range as a band, the medians of the other methods in
+grey. The share of safe trials is a number beside the curve. A picture has its own background, light or dark.
 """
 
 from __future__ import annotations
@@ -18,9 +18,12 @@ import numpy as np
 
 from hdsafebo.report.data.methods import style
 from hdsafebo.report.data.outside import OUTSIDE, outside_label
+from hdsafebo.runs.read import RunFile, read_run
+from hdsafebo.runs.series import per_round
 from hdsafebo.typing import FloatArray
 
 FOLDER = "docs/methods/curves"
+EVIDENCE = "reports/reference/runs"
 _PREFERRED = ("hartmann6", "ackley10")
 """Shown where there are runs on them: their values need no transformation."""
 _BATCH = 5
@@ -45,14 +48,16 @@ class Panel:
 
     Attributes:
         label: of the problem.
-        optimum: best value that keeps the limits.
+        optimum: best value that keeps the limits; None where it is not known.
+        batch: trials between two values.
         own: (seeds, n) best safe values of the method, after each batch.
         others: medians of the other methods.
         safe: share of the method's trials that was safe.
     """
 
     label: str
-    optimum: float
+    optimum: float | None
+    batch: int
     own: FloatArray
     others: tuple[FloatArray, ...]
     safe: float
@@ -65,12 +70,41 @@ def read_runs(root: Path) -> Runs:
     return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in known}
 
 
+def read_synthetic(root: Path) -> dict[str, RunFile]:
+    """Kept runs of the synthetic task by method; those of its variants have other names."""
+    runs = (read_run(path) for path in sorted((root / EVIDENCE).glob("synthetic-*.parquet")))
+    return {run.meta.method: run for run in runs if run.meta.method == run.meta.algorithm}
+
+
 def write(root: Path, names: Sequence[str]) -> dict[str, str]:
     """Pictures of those of the methods `names` that have runs, by path below the project's root."""
-    runs, table = read_runs(root), json.loads((root / OUTSIDE).read_text(encoding="utf-8"))
     return {
-        f"{FOLDER}/{name}.svg": _drawing(name, panels(runs, table, name)) for name in names if name in runs
+        f"{FOLDER}/{name}.svg": _drawing(name, drawn) for name in names if (drawn := panels_of(root, name))
     }
+
+
+def panels_of(root: Path, name: str) -> list[Panel]:
+    """What is drawn of a method; nothing without runs."""
+    runs = read_runs(root)
+    if name in runs:
+        return panels(runs, json.loads((root / OUTSIDE).read_text(encoding="utf-8")), name)
+    synthetic = read_synthetic(root)
+    return [synthetic_panel(synthetic, name)] if name in synthetic else []
+
+
+def synthetic_panel(runs: dict[str, RunFile], name: str) -> Panel:
+    """A method on the synthetic task."""
+    values = {method: per_round(run.trials).objective for method, run in runs.items()}
+    length = min(array.shape[1] for array in values.values())
+    others = (np.nanmedian(array[:, :length], axis=0) for method, array in values.items() if method != name)
+    return Panel(
+        "Synthetic task of the paper",
+        None,
+        runs[name].meta.batch,
+        values[name][:, :length],
+        tuple(others),
+        float(runs[name].chosen["safe"].mean()),
+    )
 
 
 def panels(runs: Runs, table: dict[str, dict[str, Any]], name: str) -> list[Panel]:
@@ -81,6 +115,7 @@ def panels(runs: Runs, table: dict[str, dict[str, Any]], name: str) -> list[Pane
         Panel(
             outside_label(problem),
             next(iter(table[problem].values()))["optimum"],
+            _BATCH,
             _values(own[problem]),
             tuple(
                 np.median(_values(other[problem]), axis=0)
@@ -95,25 +130,32 @@ def panels(runs: Runs, table: dict[str, dict[str, Any]], name: str) -> list[Pane
 
 def shown(root: Path, name: str) -> list[str]:
     """What the page of a method says of its picture; that there is none without runs."""
-    runs = read_runs(root)
-    link = "[problems that others wrote](../reproduction/results.md#problems-that-others-wrote)"
-    if name not in runs:
-        return ["## Measured", f"No runs of it on {link} are kept."]
-    table = json.loads((root / OUTSIDE).read_text(encoding="utf-8"))
-    drawn = panels(runs, table, name)
+    drawn = panels_of(root, name)
+    if not drawn:
+        return ["## Measured", "No runs of it are kept."]
     reached = "; ".join(
         f"on {panel.label.split(',')[0]} the median rises from {np.median(panel.own[:, 0]):.3g} to "
-        f"{np.median(panel.own[:, -1]):.3g} (optimum {panel.optimum:.3g}), and {panel.safe * 100:.0f} % of "
-        "the trials are safe"
+        f"{np.median(panel.own[:, -1]):.3g}{_optimum(panel)}, and {panel.safe * 100:.0f} % of the trials are "
+        "safe"
         for panel in drawn
     )
     alternative = f"Best safe value of {style(name).label} over the number of trials: {reached}."
     seeds = len(drawn[0].own)
+    where = (
+        "The [synthetic task](../reproduction/results.md)"
+        if drawn[0].optimum is None
+        else "Two of the [problems that others wrote](../reproduction/results.md#problems-that-others-wrote)"
+    )
+    known = "" if drawn[0].optimum is None else ", the optimum dotted"
     caption = (
-        f"Two of the {link}: median of {seeds} seeds as a line, their range as a band, medians of the other "
-        "methods in grey, the optimum dotted; higher is better."
+        f"{where}: median of {seeds} seeds as a line, their range as a band, medians of the other methods in "
+        f"grey{known}; higher is better."
     )
     return ["## Measured", f"![{alternative}](curves/{name}.svg)", caption]
+
+
+def _optimum(panel: Panel) -> str:
+    return "" if panel.optimum is None else f" (optimum {panel.optimum:.3g})"
 
 
 def _values(seeds: dict[str, dict[str, Any]]) -> FloatArray:
@@ -134,9 +176,13 @@ def _drawing(name: str, drawn: list[Panel]) -> str:
 
 
 def _panel(panel: Panel, offset: int) -> str:
-    trials = _BATCH * (panel.own.shape[1] - 1)
-    low = min(panel.own.min(), *(other.min() for other in panel.others), panel.optimum)
-    high = max(panel.own.max(), *(other.max() for other in panel.others), panel.optimum)
+    trials = panel.batch * (panel.own.shape[1] - 1)
+    every = [
+        panel.own.ravel(),
+        *panel.others,
+        *([] if panel.optimum is None else [np.array([panel.optimum])]),
+    ]
+    low, high = float(np.concatenate(every).min()), float(np.concatenate(every).max())
     low, high = low - 0.04 * (high - low), high + 0.04 * (high - low)
     left, right = offset + _LEFT, offset + _PANEL - _RIGHT
     top, bottom = _TOP, _HEIGHT - _BOTTOM
@@ -149,14 +195,15 @@ def _panel(panel: Panel, offset: int) -> str:
 
     def points(values: FloatArray, first: int = 0) -> str:
         order = range(len(values)) if not first else range(len(values) - 1, -1, -1)
-        return " ".join(f"{across(_BATCH * i):.1f},{up(values[i]):.1f}" for i in order)
+        return " ".join(f"{across(panel.batch * i):.1f},{up(values[i]):.1f}" for i in order)
 
     parts = [
         f'<text x="{offset + 8}" y="19">{escape(panel.label)}</text>',
         f'<text x="{offset + 8}" y="37">{panel.safe * 100:.0f} % of the trials safe</text>',
         f'<path class="axis" d="M{left} {top}V{bottom}H{right}"/>',
-        f'<path class="optimum" d="M{left} {up(panel.optimum):.1f}H{right}"/>',
     ]
+    if panel.optimum is not None:
+        parts.append(f'<path class="optimum" d="M{left} {up(panel.optimum):.1f}H{right}"/>')
     parts += [f'<polyline class="other" points="{points(other)}"/>' for other in panel.others]
     ends = f"{points(panel.own.max(axis=0))} {points(panel.own.min(axis=0), first=1)}"
     parts += [
