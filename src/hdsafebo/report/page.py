@@ -131,7 +131,7 @@ def _crop(picture: Picture) -> str:
     )
 
 
-_MARKER_SHAPES = {
+MARKER_SHAPES = {
     "o": '<circle cx="17" cy="7" r="3.4"/>',
     "s": '<rect x="13.8" y="3.8" width="6.4" height="6.4"/>',
     "^": '<path d="M17 3 L21 10 H13 Z"/>',
@@ -140,7 +140,10 @@ _MARKER_SHAPES = {
     "P": '<path d="M15.5 3h3v2.5h2.5v3h-2.5v2.5h-3v-2.5h-2.5v-3h2.5z"/>',
     "X": '<path d="M14 4l3 3 3-3M14 10l3-3 3 3" stroke-width="2.4"/>',
     "*": '<path d="M17 2.5l1.4 3 3.3.4-2.4 2.3.6 3.3-2.9-1.6-2.9 1.6.6-3.3-2.4-2.3 3.3-.4z"/>',
+    "p": '<path d="M17.0 2.8 L21.0 5.7 L19.5 10.4 L14.5 10.4 L13.0 5.7 Z"/>',
+    "h": '<path d="M17.0 2.8 L20.6 4.9 L20.6 9.1 L17.0 11.2 L13.4 9.1 L13.4 4.9 Z"/>',
 }
+"""Of Matplotlib's markers, as they stand in legends."""
 
 
 def _swatch(look: MethodStyle) -> str:
@@ -151,4 +154,4 @@ def _swatch(look: MethodStyle) -> str:
     )
     frame = f'viewBox="0 0 34 14" width="34" height="14" stroke="{look.colour}" fill="{look.colour}"'
     line = f'<path d="M1 7H33" fill="none" stroke-width="2"{pattern}/>'
-    return f'<svg {frame} aria-hidden="true">{line}{_MARKER_SHAPES[look.marker]}</svg>'
+    return f'<svg {frame} aria-hidden="true">{line}{MARKER_SHAPES[look.marker]}</svg>'

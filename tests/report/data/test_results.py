@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hdsafebo.params import load_params
 from hdsafebo.report.data.methods import beta_of_ablation, by_family, order, style
 from hdsafebo.report.data.results import DIGITS, Results, Uncertainty
+from hdsafebo.report.page import MARKER_SHAPES
 from hdsafebo.report.sections.findings import same_trials_findings
 from hdsafebo.report.tables.results import comparison_table, metrics_table
 from hdsafebo.runs.read import read_runs
@@ -128,6 +130,12 @@ def test_every_method_has_a_look_of_its_own_in_its_panel() -> None:
         assert len({style(m).marker for m in names}) == len(names), (
             f"{family}: markers must do without colour"
         )
+
+
+def test_every_marker_has_its_shape_in_legends(project_root: Path) -> None:
+    """Of every method that a block names, run so far or not."""
+    methods = load_params(project_root / "params.yaml").methods
+    assert {style(name).marker for name in methods} <= MARKER_SHAPES.keys()
 
 
 def test_order_and_names() -> None:
