@@ -43,7 +43,7 @@ test-slow: $(STAMP)  ## run all tests, the long ones too
 	$(BIN)/python -m pytest -m "slow or not slow"
 
 test-fast: $(STAMP)  ## the tests of the mathematics and the methods: an answer in two minutes of CPU
-	$(BIN)/python -m pytest -m "not slow and not thorough" tests/gp tests/search tests/files tests/params \
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not thorough" tests/gp tests/search tests/files tests/params \
 		tests/runs tests/optimizers
 
 lint: $(STAMP)  ## ruff, mypy and the layer contracts

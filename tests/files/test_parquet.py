@@ -13,6 +13,7 @@ from hdsafebo.files.parquet import read_parquet
 
 
 @pytest.mark.parametrize("columns", [None, ["objective"]])
+@pytest.mark.thorough
 def test_no_changed_byte_ends_in_another_error(tmp_path: Path, columns: list[str] | None) -> None:
     path = tmp_path / "run.parquet"
     pq.write_table(pa.table({"objective": [1.0, 2.0], "status": ["completed", "failed"]}), path)

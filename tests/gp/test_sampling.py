@@ -62,6 +62,7 @@ def test_paths_pass_through_precise_data(gp) -> None:
     np.testing.assert_allclose(values.mean(axis=1), gp.outcomes.restore(gp.values[:5]), atol=3 * noise)
 
 
+@pytest.mark.thorough
 def test_thompson_rows_differ_and_follow_joint_sampling(gp) -> None:
     """How often each of a few points is the best of a sample: paths against exact joint draws."""
     rng = np.random.default_rng(5)

@@ -174,6 +174,7 @@ LINE_EDITS: dict[str, Callable[[list[str], int, str], None]] = {
 }
 
 
+@pytest.mark.thorough
 def test_edited_lines_through_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 0, or 2 with one message; nothing else ever leaves `hdsafebo check-params`."""
     path = tmp_path / "params.yaml"
@@ -204,6 +205,7 @@ def test_edited_lines_through_the_command_line(tmp_path: Path, capsys: pytest.Ca
     assert set(codes) == {0, 2}
 
 
+@pytest.mark.thorough
 def test_a_real_process_ends_with_code_2_and_no_traceback(tmp_path: Path) -> None:
     path = tmp_path / "params.yaml"
     write_mapping(path, edited([("set", ("tasks", "hand", "budget", "batch"), "ten")]), ParamsError)

@@ -124,6 +124,7 @@ def test_files_that_are_no_parameters(tmp_path: Path, text: str, capfd: pytest.C
     assert "executed" not in capfd.readouterr().out
 
 
+@pytest.mark.thorough
 def test_a_stage_refuses_bad_params_without_a_traceback(
     project_root: Path, tmp_path: Path, standard: dict
 ) -> None:

@@ -60,6 +60,7 @@ def test_seeks_feasibility_first(kind) -> None:
     assert optimizer.best() is not None
 
 
+@pytest.mark.thorough
 def test_same_seed_same_batch() -> None:
     batches = []
     for _ in range(2):

@@ -110,6 +110,7 @@ def low_dimensional(inputs: int) -> FunctionProblem:
     )
 
 
+@pytest.mark.thorough
 def test_baxus_grows_and_keeps_its_observations() -> None:
     problem = low_dimensional(30)
     optimizer = Baxus(problem, seed=0, budget=60, candidates=200)

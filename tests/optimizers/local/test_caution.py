@@ -64,6 +64,7 @@ def violations(seed: int) -> float:
     return float((asked.safety[:, 0] < 0).mean())
 
 
+@pytest.mark.thorough
 def test_cliffs_are_met_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
     corrected = np.mean([violations(seed) for seed in range(2)])
     monkeypatch.setattr(AscentSearch, "rate", 0.0)

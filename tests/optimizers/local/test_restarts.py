@@ -127,6 +127,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hdsafebo.optimizers.local.restarts.PATIENCE", 2)
 
 
+@pytest.mark.thorough
 def test_single_trials_climb_the_other_hill_too(monkeypatch: pytest.MonkeyPatch) -> None:
     several = climb_hills(3, 45)
     assert several.trials.objective.max() == pytest.approx(1.5, abs=0.01)
@@ -169,6 +170,7 @@ def test_a_climb_survives_a_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("impatient")
+@pytest.mark.thorough
 def test_an_ask_that_fails_begins_no_climb(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(trials: Trials):
         raise MemoryError("no memory")

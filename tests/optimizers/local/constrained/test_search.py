@@ -37,6 +37,7 @@ def search_of(made: HdSafeBOLocal) -> ConstrainedSearch:
 
 
 @pytest.mark.parametrize("batch", [1, 2, 5])
+@pytest.mark.thorough
 def test_finds_a_corner_of_the_safe_set_without_leaving_it(batch: int) -> None:
     made = started(corner_problem())
     run_rounds(made, 40 // batch, batch)
