@@ -319,17 +319,21 @@ def test_csv(tmp_path: Path) -> None:
     assert len(other) == len(study)
 
 
-def test_what_tells_a_list_from_others_does_not_depend_on_the_context_of_the_day() -> None:
-    """A saved list was taken for another one as soon as a context was held."""
-    system = System(
+def list_with_load(speeds: list[float]) -> System:
+    """A list of speeds under a load that is known before each trial."""
+    return System(
         name="list",
         parameters=[Real("speed", 0.1, 1.5)],
         objective=Objective("way"),
         limits=[Limit("sway", at_most=25)],
         contexts=[Real("load", 0, 5)],
-        settings={"speed": [0.1, 0.2, 0.3]},
+        settings={"speed": speeds},
     )
-    problem = SystemProblem(system)
+
+
+def test_what_tells_a_list_from_others_does_not_depend_on_the_context_of_the_day() -> None:
+    """A saved list was taken for another one as soon as a context was held."""
+    problem = SystemProblem(list_with_load([0.1, 0.2, 0.3]))
     assert problem.candidates is not None
     before = fingerprint(problem.candidates)
     problem.candidates.hold(np.array([0.8]))
@@ -339,15 +343,7 @@ def test_what_tells_a_list_from_others_does_not_depend_on_the_context_of_the_day
 def test_the_study_of_a_list_goes_on_under_every_context(tmp_path: Path) -> None:
     """Each trial was checked against its row under the context of the day, so none of them fitted."""
     speeds = np.linspace(0.1, 1.5, 30).round(3).tolist()
-    system = System(
-        name="list",
-        parameters=[Real("speed", 0.1, 1.5)],
-        objective=Objective("way"),
-        limits=[Limit("sway", at_most=25)],
-        contexts=[Real("load", 0, 5)],
-        settings={"speed": speeds},
-    )
-    study = Study.open(tmp_path / "s", system, alpha=0.9)
+    study = Study.open(tmp_path / "s", list_with_load(speeds), alpha=0.9)
     study.observe(
         [{"speed": v, "load": 1.0 + i % 2, "way": v, "sway": 1 + v} for i, v in enumerate(speeds[:16])]
     )
