@@ -29,6 +29,11 @@ _ROOMS = {
     "errors": "errors",
 }
 
+_OPTIONS = {
+    "errors": "{members: false}",
+    "sessions": "{inherited_members: true}",  # a session's steps and what it shows are two classes
+}
+
 
 def write(root: Path) -> dict[str, str]:
     """Texts by path below the project's root."""
@@ -50,9 +55,8 @@ def public_paths() -> dict[str, list[str]]:
 
 def _page(page: str, paths: list[str]) -> str:
     title, summary = PAGES[page]
-    options = ""
     if page == "errors":
         paths = sorted(paths, key=lambda path: path.rpartition(".")[2] != HdSafeBOError.__name__)
-        options = "\n    options: {members: false}"
+    options = f"\n    options: {_OPTIONS[page]}" if page in _OPTIONS else ""
     entries = [f"::: {path}{options}" for path in paths]
     return "\n\n".join([f"# {title}", summary, *entries]) + "\n"

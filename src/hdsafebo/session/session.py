@@ -17,78 +17,30 @@ from pathlib import Path
 from typing import Any
 
 from hdsafebo.errors import NoSafePointError
-from hdsafebo.session.advice.advisor import Advisor
-from hdsafebo.session.advice.advisor_cache import restored_advisor
-from hdsafebo.session.advice.search import Search
-from hdsafebo.session.advice.setup import make_search, make_space
 from hdsafebo.session.definition import load_definition, parse_definition
-from hdsafebo.session.errors import ProtocolError, SessionError, StoppedError
-from hdsafebo.session.files import stored_files
-from hdsafebo.session.log.cache import Cache
-from hdsafebo.session.log.chain import Entry
-from hdsafebo.session.log.state import LoggedSuggestion, LoggedTrial, Point, State
-from hdsafebo.session.log.stops import Stop, pending, press
-from hdsafebo.session.log.store import STARTING, Clock, MovedOnError, Store, utc_now
-from hdsafebo.session.rules import Rules, open_suggestion, recordable, require_idle, same_recording
+from hdsafebo.session.errors import ProtocolError, StoppedError
+from hdsafebo.session.log.state import LoggedSuggestion, LoggedTrial, Point
+from hdsafebo.session.log.stops import pending, press
+from hdsafebo.session.log.store import STARTING, MovedOnError, Store, utc_now
+from hdsafebo.session.opened import OpenedSession
+from hdsafebo.session.rules import open_suggestion, recordable, require_idle, same_recording
 from hdsafebo.session.spaces.space import Report
 from hdsafebo.session.tightening import Change, require_same_limits, require_tighter
 from hdsafebo.session.words import checked_name, checked_number, checked_text
 
-DISCLAIMER = "Research software, not a medical device: a qualified person decides about every trial."
-_DISCLAIMER_GENERIC = "Research software, not a safety system: a qualified person decides about every trial."
 _ATTEMPTS = 3
 _DELIVERING = ("approved", "modified", "manual")
 
 
-class Session:
+class Session(OpenedSession):
     """An open session; see the module. Make one with `create.create_session`, or open it.
 
-    Attributes:
-        definition: the session file as the session was made; limits tightened since are in `space`.
-        space: inputs, limits and results.
-        store: the durable store.
-        cache: optimiser states beside the log.
-        state: what the log adds up to.
+    Its attributes are those of `OpenedSession`.
     """
 
     def __init__(self, store: Store) -> None:
-        self.store = store
-        self.cache = Cache(store.root)
-        self.state = State()
-        self._entries: list[Entry] = []
-        self._waiting: list[Stop] = []
+        super().__init__(store)
         self._seen: str | None = None  # see `seen_at`
-        entries = store.read()
-        if not entries:
-            raise SessionError(
-                f"{store.directory}: making this session was interrupted; make it again with `new`"
-            )
-        created = entries[0].payload
-        self.definition = parse_definition(created.get("definition", {}), source=str(store.directory))
-        self._files = created.get("files", {})
-        self.space = make_space(self.definition, stored_files(store, self._files))
-        self._rules = Rules(self.space, make_space(self.definition))
-        self._advisor: Advisor | None = None
-        self._take(entries)
-        self.refresh()
-
-    @classmethod
-    def open(cls, directory: Path, *, clock: Clock = utc_now, read_only: bool = False) -> Session:
-        """Open a session; the whole log is checked.
-
-        Args:
-            directory: of the session.
-            clock: gives the time of entries.
-            read_only: write nothing, not even to mend what is damaged.
-
-        Raises:
-            SessionError: there is no session.
-            AuditError: its log was changed.
-        """
-        return cls(Store(directory, clock, read_only=read_only))
-
-    def close(self) -> None:
-        """Nothing is held open between steps; the session may be used again."""
 
     # --- the protocol
 
@@ -261,23 +213,6 @@ class Session:
         self._append(person, "tightened", {"definition": wanted.model_dump(mode="json"), "reason": why})
         return made
 
-    # --- looking at it
-
-    @property
-    def stopped(self) -> str | None:
-        """Why no trial may start now; None when the session runs. A stop counts before it is in the log."""
-        return self._waiting[-1].reason if self._waiting else self.state.stopped
-
-    @property
-    def disclaimer(self) -> str:
-        """What everybody who looks at the session is told first."""
-        return DISCLAIMER if self.definition.kind == "stimulation" else _DISCLAIMER_GENERIC
-
-    @property
-    def entries(self) -> Sequence[Entry]:
-        """The log as far as it was read."""
-        return self._entries
-
     @contextmanager
     def seen_at(self, head: str) -> Iterator[None]:
         """Steps within are refused when the log has moved on from what the person saw.
@@ -291,64 +226,7 @@ class Session:
         finally:
             self._seen = before
 
-    def refresh(self) -> None:
-        """Take in what others have appended to the log, and stops that wait for their place in it."""
-        self._take(self.store.read())
-        self._waiting = self.store.adopt_stops()
-        self._take(self.store.read())
-
-    def best(self, target: str | None = None, *, origin: str = "") -> LoggedTrial | None:
-        """The safe trial with the highest outcome of a target.
-
-        Args:
-            target: default: the present one.
-            origin: only trials of that origin count; empty counts all.
-        """
-        name = target or self.state.target
-        safe = [
-            t
-            for t in self.state.trials
-            if t.outcomes is not None and t.safety is not None and self.space.safe(t.safety)
-        ]
-        among = [t for t in safe if not origin or t.origin == origin]
-        return max(among, key=lambda t: (t.outcomes or {})[name], default=None)
-
-    def believe(self, point: Point) -> dict[str, Any] | None:
-        """What the model believes of any point now; None while it knows nothing."""
-        return next(iter(self.believe_all([point])), None)
-
-    def believe_all(self, points: Sequence[Point]) -> list[dict[str, Any]]:
-        """What the model believes of points now; nothing while it knows nothing."""
-        self.refresh()
-        return self.advisor().believe([self.space.point(point) for point in points])
-
-    def advisor(self) -> Advisor:
-        """The optimiser, brought forward to the end of the log."""
-        if self._advisor is None:
-            restored = restored_advisor(self.definition, self._new_search, self.cache, self._entries)
-            self._advisor = restored or self.new_advisor()
-        known = self._advisor.state.head.seq if self._advisor.state.head else 0
-        self._advisor.follow(self._entries[known:])
-        return self._advisor
-
-    def new_advisor(self) -> Advisor:
-        """An optimiser that has not followed any of the log yet."""
-        return Advisor(self.definition, self._new_search())
-
-    def search(self) -> Search:
-        """The permitted inputs as an optimiser sees them."""
-        return self._new_search() if self._advisor is None else self._advisor.search
-
     # --- internals
-
-    def _new_search(self) -> Search:
-        return make_search(self.definition, stored_files(self.store, self._files))
-
-    def _take(self, entries: Sequence[Entry]) -> None:
-        """Bring the state forward by entries of the log."""
-        for entry in entries:
-            self._rules.apply(self.state, entry)
-            self._entries.append(entry)
 
     def _refresh_to_start(self) -> None:
         """As `refresh`, before a step that may start a trial."""
