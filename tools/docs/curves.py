@@ -134,9 +134,10 @@ def shown(root: Path, name: str) -> list[str]:
     if not drawn:
         return ["## Measured", "No runs of it are kept."]
     reached = "; ".join(
-        f"on {panel.label.split(',')[0]} the median rises from {np.median(panel.own[:, 0]):.3g} to "
-        f"{np.median(panel.own[:, -1]):.3g}{_optimum(panel)}, and {panel.safe * 100:.0f} % of the trials are "
-        "safe"
+        f"on {panel.label.split(',')[0]} the median rises from "
+        f"{np.median(panel.own[:, 0]):.3g} to "
+        f"{np.median(panel.own[:, -1]):.3g}{_optimum(panel)}, and "
+        f"{panel.safe * 100:.0f} % of the trials are safe"
         for panel in drawn
     )
     alternative = f"Best safe value of {style(name).label} over the number of trials: {reached}."

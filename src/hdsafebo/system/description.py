@@ -278,8 +278,8 @@ def _columns(table: Any, inputs: Sequence[str], contexts: Sequence[Parameter]) -
     given = sorted(known & set(columns))
     if given:
         raise DescriptionError(
-            f"settings have the column {given[0]!r}, which is a context: it is told with each ask; leave the "
-            "column out"
+            f"settings have the column {given[0]!r}, which is a context: it is told with "
+            "each ask; leave the column out"
         )
     wanted = [name for name in inputs if name not in known]
     missing, more = sorted(set(wanted) - set(columns)), sorted(set(columns) - set(wanted))

@@ -31,8 +31,8 @@ def from_vocs(vocs: Mapping[str, Any], name: str = "vocs") -> System:
     _known(vocs, ("variables", "objectives", "constraints", "constants", "observables"), "VOCS")
     if vocs.get("observables"):
         raise DescriptionError(
-            f"VOCS: observables {sorted(vocs['observables'])} are neither optimised nor limited; "
-            "leave them out"
+            f"VOCS: observables {sorted(vocs['observables'])} are neither "
+            "optimised nor limited; leave them out"
         )
     objectives = dict(vocs.get("objectives") or {})
     if len(objectives) != 1:

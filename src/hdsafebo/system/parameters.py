@@ -102,8 +102,8 @@ class Real:
             landed = self.land_values(numbers)
             for i in np.flatnonzero(np.abs(landed - numbers) > _ON_STEP * self.spacing)[:1]:
                 raise TableError(
-                    f"row {i}: {self.name} is {numbers[i]:g}; expected {self.lower:g} plus a multiple of "
-                    f"{self.spacing:g}"
+                    f"row {i}: {self.name} is {numbers[i]:g}; expected {self.lower:g} plus "
+                    f"a multiple of {self.spacing:g}"
                 )
             return landed
         return numbers

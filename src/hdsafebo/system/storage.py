@@ -199,8 +199,8 @@ class Folder:
         """Raise StudyError unless a loaded state has the settings that the study was begun with."""
         if begun != loaded:
             raise StudyError(
-                f"{self.state}: is of a study by {plan.method} with other settings: {loaded!r}; expected "
-                f"{begun!r}"
+                f"{self.state}: is of a study by {plan.method} with other settings: "
+                f"{loaded!r}; expected {begun!r}"
             )
 
     def check_given(self, begun: BaseModel, given: Mapping[str, Any]) -> None:

@@ -107,8 +107,8 @@ def _components(results: Results) -> Claim:
         "significantly the other way and at least two in its direction."
     )
     statement = (
-        "Without local search optimisation and safety degrade; without optimism there are more unsafe "
-        "trials early on."
+        "Without local search optimisation and safety degrade; without optimism there "
+        "are more unsafe trials early on."
     )
     return Claim("hand_components", statement, "Appendix C.2", rule, "ablation", {"": verdict})
 
@@ -153,9 +153,9 @@ def _beta(results: Results) -> Claim:
             status, f"objective {each}; largest distance from HdSafeBO's is {100 * spread:.0f} % of its gain"
         )
     rule = (
-        "Reproduced: no β differs significantly in the objective, and all means lie within a quarter of "
-        "HdSafeBO's gain over the initial data. Partly: one of the two. Says nothing: all trials are the "
-        "same."
+        "Reproduced: no β differs significantly in the objective, and all means lie within a "
+        "quarter of HdSafeBO's gain over the initial data. Partly: one of the two. Says "
+        "nothing: all trials are the same."
     )
     statement = "Performance is similar for β from 0 to 16; safety may become slightly worse as β grows."
     return Claim("hand_beta", statement, "Appendix C.4", rule, "ablation", {"": verdict})

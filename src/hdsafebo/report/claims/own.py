@@ -1,5 +1,4 @@
-"""What this project says of its own method, `hdsafebo_local`, held to rules as strict as the paper's "
-"claims."""
+"""What this project says of its own method, held to rules as strict as those of the paper's claims."""
 
 from __future__ import annotations
 
@@ -39,8 +38,8 @@ def _ahead(results: Results, task: str) -> Claim:
             elif not any(c.better for c in found.values()):
                 tied.append(style(other).label)
         parts = [
-            f"significantly better than {len(others) - len(behind) - len(tied)} of {len(others)}, worse in "
-            "none"
+            f"significantly better than {len(others) - len(behind) - len(tied)} "
+            f"of {len(others)}, worse in none"
         ]
         parts += [f"worse than {', '.join(behind)}"] if behind else []
         parts += [f"undecided against {', '.join(tied)}"] if tied else []
@@ -49,13 +48,12 @@ def _ahead(results: Results, task: str) -> Claim:
         verdict = Verdict(grade(not behind and not tied, not behind), "; ".join(parts))
     return Claim(
         f"own_{task}",
-        f"{task_label(task)}: with the same information as every other method, {style(OWN).label} is ahead "
-        "of each.",
+        f"{task_label(task)}: with the same information as every other method, "
+        f"{style(OWN).label} is ahead of each.",
         "this project",
         "Three measures: share of the optimum at 600 trials, trials until 95 % of it, violation. Holds: "
         "significantly better than every other method in at least one and significantly worse in none. In "
-        "part: "
-        "significantly worse than none.",
+        "part: significantly worse than none.",
         "stimulation",
         {"": verdict},
     )
@@ -97,13 +95,12 @@ def _highest_return(results: Results, task: str) -> Claim:
         verdict = Verdict(grade(enough and bool(safe) and not ties, highest), "; ".join(parts))
     return Claim(
         f"own_{task}",
-        f"{task_label(task)}: {style(OWN).label} has the highest return among methods with a safety of "
-        f"{SAFE_ENOUGH}.",
+        f"{task_label(task)}: {style(OWN).label} has the highest return among methods "
+        f"with a safety of {SAFE_ENOUGH}.",
         "this project",
         "Holds: significantly higher than that of every other method whose mean safety is at least "
         f"{SAFE_ENOUGH}. In part: highest in the mean. The figure of return against safety shows all "
-        "methods, so "
-        "that the limit hides none.",
+        "methods, so that the limit hides none.",
         "hand",
         {"": verdict},
     )

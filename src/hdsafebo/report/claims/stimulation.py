@@ -36,14 +36,12 @@ def stimulation_claims(results: Results, stimulation: Stimulation | None) -> lis
     ]
     random_embeddings = Claim(
         "scs_random_embeddings",
-        "It still outperforms HesBO and BAxUS, which ignore the constraint (ST 0.26 against 0.24, GA 0.22 "
-        "against 0.19).",
+        "It still outperforms HesBO and BAxUS, which ignore the constraint (ST 0.26 "
+        "against 0.24, GA 0.22 against 0.19).",
         "Appendix C.5",
-        "The best safe value of the method against the best value of HesBO and BAxUS, safe or not, as in the "
-        "paper. "
-        "Reproduced: significantly better than both on both tasks. Partly: better in the mean, and "
-        "significantly "
-        "worse nowhere.",
+        "The best safe value of the method against the best value of HesBO and BAxUS, safe or not, as in "
+        "the paper. Reproduced: significantly better than both on both tasks. Partly: better in the mean, "
+        "and significantly worse nowhere.",
         "stimulation",
         {method: _against_unconstrained(results, method) for method in OURS},
     )

@@ -54,17 +54,14 @@ def _safeopt(results: Results) -> Claim:
         most = f"at most {max(known)}" if known else "an unknown number"
         verdict = Verdict(
             grade(share >= 0.9, share >= 0.5),
-            f"{int(table['new_points'].sum())} of {int(table['chosen'].sum())} trials at a point that was "
-            "not "
-            f"tried before, {most} of its grid points certified; stuck in {100 * share:.0f} % of "
-            f"{len(table)} runs",
+            f"{int(table['new_points'].sum())} of {int(table['chosen'].sum())} trials at a point "
+            f"that was not tried before, {most} of its grid points certified; stuck in "
+            f"{100 * share:.0f} % of {len(table)} runs",
         )
     rule = (
         "A run is stuck when SafeOpt certifies no point of its grid and tries no new point: its objective "
-        "may "
-        "still rise, as the maximum of repeated noisy observations. Reproduced: at least 90 % of the runs "
-        "are "
-        "stuck. Partly: at least half."
+        "may still rise, as the maximum of repeated noisy observations. Reproduced: at least 90 % of the "
+        "runs are stuck. Partly: at least half."
     )
     return Claim(
         "synthetic_safeopt",

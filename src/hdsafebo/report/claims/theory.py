@@ -1,5 +1,4 @@
-"""Claims on the guarantee (Proposition 1), the violation bound (Theorem 1) and the latent space "
-"(Proposition 3)."""
+"""Claims on the guarantee (Proposition 1), the bound (Theorem 1) and the latent space (Proposition 3)."""
 
 from __future__ import annotations
 
@@ -31,10 +30,9 @@ def theory_claims(results: Results, isometry: dict[str, Isometry] | None) -> lis
             "guarantee",
             "Each trial is safe with probability at least α, where Φ(β) ≤ 1 − α.",
             "Proposition 1",
-            "Per task: reproduced when the mean safe share less two standard errors is at least the α that β "
-            "guarantees; partly when only the mean is. An α below one half says nothing: more may be unsafe "
-            "than "
-            "safe. The worst task counts.",
+            "Per task: reproduced when the mean safe share less two standard errors is at least the α that "
+            "β guarantees; partly when only the mean is. An α below one half says nothing: more may be "
+            "unsafe than safe. The worst task counts.",
             "safety",
             {method: _guarantee(results, method) for method in methods},
         ),
@@ -43,11 +41,10 @@ def theory_claims(results: Results, isometry: dict[str, Isometry] | None) -> lis
             "The expected cumulative violation is bounded.",
             "Theorem 1",
             "Per task: reproduced when the mean violation is at most the mean sum of the one-step bounds "
-            "σ(βΦ(β) + φ(β)), both of the functions that were modelled, as they were modelled, and the noise "
-            "of the "
-            f"observations allowed for. A bound of more than {LOOSE:g} times what was observed says nothing. "
-            "The "
-            "worst task counts. Where a function is modelled through a transform, no bound is on record.",
+            "σ(βΦ(β) + φ(β)), both of the functions that were modelled, as they were modelled, and the "
+            f"noise of the observations allowed for. A bound of more than {LOOSE:g} times what was observed "
+            "says nothing. The worst task counts. Where a function is modelled through a transform, no "
+            "bound is on record.",
             "safety",
             {method: _bound(results, method) for method in methods},
         ),
@@ -123,10 +120,8 @@ def _theorem(results: Results) -> Claim:
         verdict = Verdict(
             status,
             "as printed the proof takes a random term out of an expectation; the statement follows from the "
-            "one-step "
-            f"bound when √β_c ≥ (β + φ(β)/Φ(β))/2 = {number(needed)} at β = {number(beta)}, and √β_c is at "
-            "least "
-            f"{number(least)} here",
+            f"one-step bound when √β_c ≥ (β + φ(β)/Φ(β))/2 = {number(needed)} at β = {number(beta)}, and "
+            f"√β_c is at least {number(least)} here",
         )
     return Claim(
         "theorem_1",
@@ -150,16 +145,14 @@ def _original_space(results: Results, isometry: dict[str, Isometry] | None) -> C
             "empty" if vacuous else "partly",
             f"what carries over is α = {number(max(alphas))}; distance correlation of the learned and linear "
             f"embeddings of field maps: {each} (1 is isometric up to scale; principal components are "
-            "isometric on "
-            "their subspace)",
+            "isometric on their subspace)",
         )
     return Claim(
         "proposition_3",
         "With an isometric embedding and a stationary kernel the guarantee holds in the original space.",
         "Proposition 3",
         "It follows at once: such a kernel sees distances only, and these are the same. Partly: the "
-        "embeddings are "
-        "isometric only nearly. Says nothing: the α that carries over is below one half.",
+        "embeddings are isometric only nearly. Says nothing: the α that carries over is below one half.",
         "embeddings",
         {"": verdict},
     )

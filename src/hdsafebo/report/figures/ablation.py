@@ -18,8 +18,8 @@ def beta_figure(results: Results, task: str, methods: dict[float, str]) -> Figur
     """Final metrics over beta; `methods` maps beta to the method that was run with it."""
     row = [_beta_panel(results, task, methods, metric) for metric in METRICS]
     caption = (
-        f"{task_label(task)}: final metrics over the scalar β of the bound μ + βσ. Mean and one standard "
-        "error."
+        f"{task_label(task)}: final metrics over the scalar β of the bound μ + "
+        "βσ. Mean and one standard error."
     )
     return Figure(f"beta_{task}", caption, [row])
 

@@ -79,8 +79,7 @@ def front_figure(results: Results, task: str, methods: list[str]) -> Figure:
 
     caption = (
         f"{task_label(task)}: best safe return against safety, every method; means and one standard error. A "
-        "method "
-        "is beaten when another lies above it and to its right."
+        "method is beaten when another lies above it and to its right."
     )
     title = f"{task_label(task)}: best safe return of each method over its safety"
     return Figure(f"front_{task}", caption, [[Panel(title, draw, inches=(7.4, 4.2))]])

@@ -15,10 +15,8 @@ def calibration_figure(task: str, calibrations: dict[str, Calibration]) -> Figur
     rows = [panels[i : i + 3] for i in range(0, len(panels), 3)]
     caption = (
         f"{task_label(task)}: safe probability predicted when a trial was asked, against the observed safe "
-        "share. "
-        "On the diagonal the predictions are true. Bars are exact binomial intervals; grey columns show "
-        "how many "
-        "trials fell into each bin (largest bin = full scale of the lower fifth)."
+        "share. On the diagonal the predictions are true. Bars are exact binomial intervals; grey columns "
+        "show how many trials fell into each bin (largest bin = full scale of the lower fifth)."
     )
     return Figure(f"calibration_{task}", caption, rows)
 

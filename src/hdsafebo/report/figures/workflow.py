@@ -38,11 +38,9 @@ def workflow_figure() -> Figure:
     """Encode, model, search safely and locally, decode, evaluate."""
     caption = (
         "Workflow of HdSafeBO. Each round encodes all trials, fits one Gaussian process to the objective "
-        "and one to each safety "
-        "function, keeps the part of a box around the best safe point where the bound μ + βσ of the safety "
-        "meets its threshold "
-        "(shaded), takes a batch of Thompson samples from it, decodes and evaluates them, and grows or "
-        "shrinks the box."
+        "and one to each safety function, keeps the part of a box around the best safe point where the "
+        "bound μ + βσ of the safety meets its threshold (shaded), takes a batch of Thompson samples from "
+        "it, decodes and evaluates them, and grows or shrinks the box."
     )
     return Figure(
         "workflow",

@@ -78,11 +78,9 @@ def safety_section(results: Results) -> Section:
     blocks: list[Block] = [
         Text(
             "β guarantees that a trial is safe with probability at least α = 1 − Φ(β), if the model is "
-            "right. For β = 2 that is 0.023: "
-            "a guarantee that says almost nothing. What protects the trials in practice is the model's "
-            "prediction, so it is held against what happened. "
-            "The intervals take trials as independent, which trials of one run are not quite; true ones "
-            "are wider."
+            "right. For β = 2 that is 0.023: a guarantee that says almost nothing. What protects the trials "
+            "in practice is the model's prediction, so it is held against what happened. The intervals take "
+            "trials as independent, which trials of one run are not quite; true ones are wider."
         )
     ]
     found = False
@@ -139,9 +137,8 @@ def _safety_finding(task: str, method: str, c: Calibration, alpha: float | None)
         guarantee = f"Its guarantee of {number(alpha)} {held}"
     return Text(
         f"{task_label(task)}, {style(method).label}: predicted {number(c.predicted)}, observed "
-        f"{number(c.observed)} "
-        f"({number(low)} to {number(high)}): {verdict}; trial by trial it {skill} always saying the "
-        f"observed share. {guarantee}.",
+        f"{number(c.observed)} ({number(low)} to {number(high)}): {verdict}; trial by trial it {skill} "
+        f"always saying the observed share. {guarantee}.",
         "caution" if c.predicted > high or (alpha is not None and alpha < 0.5) else "finding",
     )
 

@@ -9,8 +9,8 @@ from hdsafebo.report.sections.base import Section, Text
 from hdsafebo.report.tables.results import Cell, Table
 
 _INTRO = (
-    "Everything that differs from the paper, or that the paper leaves open, in one place, with what it "
-    "changes."
+    "Everything that differs from the paper, or that the paper leaves open, in "
+    "one place, with what it changes."
 )
 _COLUMNS = ["Where", "In the paper", "Here", "What it changes"]
 

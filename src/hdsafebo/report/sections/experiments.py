@@ -62,11 +62,10 @@ def synthetic_section(results: Results) -> Section:
     """Table 1 and the table of latent against original space."""
     intro = Text(
         "Objective and safety are samples of Gaussian processes over 40 of 50 latent coordinates inside "
-        "1,000 inputs. "
-        "(O) marks methods that search the original inputs; the others search the 50 principal components. "
-        "The samples are drawn as they are evaluated, from the same random numbers for every method of a "
-        "seed: methods whose trials all lie many length scales apart meet the same white noise, and their "
-        "rows are equal."
+        "1,000 inputs. (O) marks methods that search the original inputs; the others search the 50 "
+        "principal components. The samples are drawn as they are evaluated, from the same random numbers "
+        "for every method of a seed: methods whose trials all lie many length scales apart meet the same "
+        "white noise, and their rows are equal."
     )
     check = closed_form_finding(results)
     blocks = [intro, *task_blocks(results, "synthetic"), *([] if check is None else [check])]
@@ -87,8 +86,8 @@ def ablation_section(results: Results) -> Section:
         blocks += same_trials_findings(results, task, shown)
         if len(components) > 1:
             caption = (
-                f"{task_label(task)}: HdSafeBO without local search and without optimism. Bands are one "
-                "standard error."
+                f"{task_label(task)}: HdSafeBO without local search and without "
+                "optimism. Bands are one standard error."
             )
             blocks.append(single_curve_figure(results, task, components, f"components_{task}", caption))
         if len(betas) > 1:
@@ -143,8 +142,7 @@ def _random_embedding_blocks(results: Results, tasks: list[str]) -> list[Block]:
             shown = [m for m in ran if style(m).family != "ablation"]
             caption = (
                 f"{task_label(task)}: best value of a run, safe or not, as the paper's table has it for "
-                "HesBO and "
-                "BAxUS, which search without regard to safety."
+                "HesBO and BAxUS, which search without regard to safety."
             )
             blocks.append(unconstrained_table(results, task, shown, caption))
     return blocks if len(blocks) > 1 else [*blocks, not_run("HesBO and BAxUS")]
@@ -161,8 +159,7 @@ def _regret_blocks(results: Results, task: str) -> list[Block]:
         return []
     caption = (
         f"{task_label(task)}: best safe value found as a share of the best safe value of the whole set "
-        f"({number(optimum)}), "
-        "and the median number of trials, initial ones included, until 95 % of it."
+        f"({number(optimum)}), and the median number of trials, initial ones included, until 95 % of it."
     )
     return [regret_finding(task, shares), regret_table(task, shares, optimum, caption)]
 

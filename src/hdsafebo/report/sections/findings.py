@@ -38,8 +38,8 @@ def size_sentence(results: Results, task: str, methods: list[str]) -> Text:
     if paper is None:
         return Text(f"Size: {ours}. The paper has no such task.{lost}", "size")
     theirs = (
-        f"{paper.runs} {units}, {paper.initial} initial of {paper.trials} trials, {paper.batch} per round "
-        f"({paper.source})"
+        f"{paper.runs} {units}, {paper.initial} initial of {paper.trials} trials, "
+        f"{paper.batch} per round ({paper.source})"
     )
     below = min(counts) < paper.runs or trials[0] < paper.trials
     verdict = "below the paper's size" if below else "at least the paper's size"
@@ -73,8 +73,7 @@ def same_trials_findings(results: Results, task: str, methods: list[str]) -> lis
     return [
         Text(
             f"The same trials in every run: {'; '.join(style(m).label for m in group)}. What tells these "
-            "methods "
-            "apart changed no choice here.",
+            "methods apart changed no choice here.",
             "finding",
         )
         for group in results.same_trials(task, methods)
@@ -132,8 +131,7 @@ def paper_findings(results: Results, task: str) -> list[Text]:
             Text(
                 f"HdSafeBO's {METRIC_LABELS[metric]} here ({with_error(ours)}) and in the paper "
                 f"({theirs.value:g} ± {number(their_error, 2)}) are {number(apart, 2)} combined standard "
-                "errors "
-                f"apart: {'they agree' if apart <= AGREEMENT else 'they differ'}.",
+                f"errors apart: {'they agree' if apart <= AGREEMENT else 'they differ'}.",
                 "finding",
             )
         )
@@ -157,9 +155,8 @@ def closed_form_finding(results: Results) -> Text | None:
     )
     seen = {m: with_error(results.estimate("synthetic", "sobol", m)) for m in ("safety", "violation")}
     return Text(
-        f"Check of the task: random search has Safety {number(safety)} and Violation {number(violation)} "
-        "in closed form; "
-        f"Sobol search has {seen['safety']} and {seen['violation']} here.",
+        f"Check of the task: random search has Safety {number(safety)} and Violation {number(violation)} in "
+        f"closed form; Sobol search has {seen['safety']} and {seen['violation']} here.",
         "finding",
     )
 
@@ -198,7 +195,7 @@ def regret_finding(task: str, shares: dict[str, pd.DataFrame]) -> Text:
         f"{style(m).label} {v:.0f}" for m, v in sorted(medians.items(), key=lambda item: item[1])
     )
     return Text(
-        f"{task_label(task)}: median trials until 95 % of the best safe value, where most runs reach it: "
-        f"{each}.",
+        f"{task_label(task)}: median trials until 95 % of the best safe value, "
+        f"where most runs reach it: {each}.",
         "finding",
     )

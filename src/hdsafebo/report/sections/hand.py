@@ -14,23 +14,18 @@ from hdsafebo.report.sections.experiments import compared, task_blocks
 from hdsafebo.report.tables.hand import upright, upright_finding, upright_table
 
 _INTRO = Text(
-    "A linear policy turns observations into muscle synergies; the bottle is to be rotated to vertical "
-    "and held. "
-    "Objective: return of an episode. Safety: the landing speed of the bottle. Initial policies are random "
-    "policies over synergies without those that end upright, the same ones for all methods."
+    "A linear policy turns observations into muscle synergies; the bottle is to be rotated to vertical and "
+    "held. Objective: return of an episode. Safety: the landing speed of the bottle. Initial policies are "
+    "random policies over synergies without those that end upright, the same ones for all methods."
 )
 _MODELLED = Text(
     "What is modelled, and why: a held bottle ends at about 0 m/s and a dropped one at 4.1 to 4.5 m/s, so "
     "the landing speed is nearly binary, and the paper's threshold of 4.4 m/s lies within the drops, where "
     "the speed says little about the policy. All tables report this safety. In the paper's setting every "
-    "method "
-    "models it. In the informed setting every method models no_drop in its place: 1 for a bottle held to the "
-    "end, "
-    "else minus the share of the episode that was left. Its threshold lies between the two modes, below it "
-    "no_drop "
-    "tells how early the bottle fell, and a policy that never drops the bottle meets the landing speed as "
-    "well. "
-    "Which functions are modelled is set in params.yaml (tasks.hand)."
+    "method models it. In the informed setting every method models no_drop in its place: 1 for a bottle "
+    "held to the end, else minus the share of the episode that was left. Its threshold lies between the two "
+    "modes, below it no_drop tells how early the bottle fell, and a policy that never drops the bottle "
+    "meets the landing speed as well. Which functions are modelled is set in params.yaml (tasks.hand)."
 )
 _CHOSEN = Text(
     "How hard the task is was chosen, and this is how: friction of the bottle (that of MyoHand's skin), roll "

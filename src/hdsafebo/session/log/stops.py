@@ -102,8 +102,8 @@ def pending(directory: Path) -> list[Stop]:
         names = sorted(name for name in os.listdir(directory) if name.startswith(PREFIX))
     except OSError as error:
         raise SessionError(
-            f"{directory}: whether the session was stopped cannot be seen ({error.strerror}), so that no "
-            "trial may start"
+            f"{directory}: whether the session was stopped cannot be seen "
+            f"({error.strerror}), so that no trial may start"
         ) from None
     return [_read(directory / name) for name in names]
 

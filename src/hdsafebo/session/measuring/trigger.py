@@ -101,8 +101,8 @@ def pulse_times(
         return marks[0] + first_s + train
     if len(marks) != pulses:
         raise RecordingError(
-            f"{recording.source}: {len(marks)} triggers, expected 1 (of the trial) or {pulses} "
-            "(of its pulses)"
+            f"{recording.source}: {len(marks)} triggers, expected 1 (of the "
+            f"trial) or {pulses} (of its pulses)"
         )
     intervals = np.diff(marks)
     off = np.flatnonzero(np.abs(intervals * rate_hz - 1.0) > _INTERVAL_TOLERANCE)
