@@ -43,6 +43,16 @@ def test_ahead_of_every_method(tmp_path: Path) -> None:
     assert verdict.text == "significantly better than 2 of 2, worse in none"
 
 
+def test_a_method_that_has_not_run_leaves_the_claim_in_part(tmp_path: Path) -> None:
+    stimulation(tmp_path, "hdsafebo_local", 0.99, 0)
+    stimulation(tmp_path, "linebo", 0.8, 0)
+    planned = [("scs_st_informed", m) for m in ("hdsafebo_local", "linebo", "scbo", "hdsafebo_beta4")]
+    results = Results(read_runs(tmp_path / "data/runs"), Uncertainty(bootstrap_samples=200))
+    verdict = own_claims(results, [*planned, ("scs_ga", "cei")])[0].verdicts[""]
+    assert verdict.status == "partly"
+    assert verdict.text == "significantly better than 1 of 1, worse in none; not run: SCBO"
+
+
 def test_a_safer_method_breaks_the_claim(tmp_path: Path) -> None:
     stimulation(tmp_path, "hdsafebo_local", 0.99, 40)
     stimulation(tmp_path, "random_lowest", 0.8, 0)

@@ -17,10 +17,11 @@ from hdsafebo.params import load_params
 from hdsafebo.pipeline.profiles import profile_text
 from hdsafebo.pipeline.stage import COSTS_FILE
 from hdsafebo.report.build import build_report
+from hdsafebo.report.claims.base import Claim, Verdict
 from hdsafebo.report.data.evidence import keep_evidence, rounded
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.report.data.results import Uncertainty
-from hdsafebo.report.headline import _claims
+from hdsafebo.report.headline import _own, _runs
 from hdsafebo.report.marked import write_marked
 from hdsafebo.report.reference import COSTS, keep_reference, report_from
 from hdsafebo.report.results_page import NO_RUN, claims_markdown, runs_markdown
@@ -226,11 +227,22 @@ def test_keeping_a_reference_writes_what_is_published(project: Path, monkeypatch
 def test_claims_are_listed_with_their_verdicts(project: Path) -> None:
     text = claims_markdown(reference(project))
     assert text.startswith("### Of this project's own method")
-    counted = _claims(reference(project))[1]
+    counted = _runs(reference(project))[-1][1]
     total = sum(int(n) for n in re.findall(r": (\d+)", counted))
     assert text[text.index("### Of the paper") :].count("\n- ") == total > 5
 
 
 def test_without_runs_the_pages_say_so(tmp_path: Path) -> None:
     assert runs_markdown(tmp_path) == claims_markdown(tmp_path) == NO_RUN
-    assert _claims(tmp_path)[1] == "not graded: no run is kept"
+    (row,) = _runs(tmp_path)
+    assert row[1] == "not graded: no run is kept"
+
+
+def test_tasks_are_named_by_the_verdict_on_this_projects_method() -> None:
+    statuses = {"scs_st": "partly", "scs_ga_informed": "reproduced", "scs_ta": "partly", "hand": "not run"}
+    claims = [
+        Claim(f"own_{task}", "", "", "", "", {"": Verdict(status, "")}) for task, status in statuses.items()
+    ]
+    ((_, answer, _),) = _own(claims, "")
+    assert answer == "partly: Stimulation, ST; Stimulation, TA. holds: Stimulation, GA, informed"
+    assert _own(claims[-1:], "") == []

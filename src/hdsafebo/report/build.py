@@ -79,7 +79,7 @@ def build_report(
     results = Results(files, settings or Uncertainty())
     inputs = read_inputs(root, folder_of_runs)
     claims = paper_claims(results, inputs.isometry, inputs.stimulation)
-    own = own_claims(results)
+    own = own_claims(results, planned)
     leaders = _leaders(results)
     sections = _sections(results, inputs, isometry_points, root)
     folder = root / "reports" if output is None else output

@@ -1,4 +1,4 @@
-"""The table of five rows in README.md: what was asked, what came out, and where the evidence is."""
+"""The table in README.md: what was asked, what came out, and where the evidence is."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pathlib import Path
 from statistics import mean
 
 from hdsafebo.files.bounded import read_text
-from hdsafebo.params import load_params
-from hdsafebo.report.claims.base import STATUS_LABELS
+from hdsafebo.report.claims.base import OWN_LABELS, STATUS_LABELS, Claim
+from hdsafebo.report.claims.own import own_claims
 from hdsafebo.report.claims.paper import paper_claims
-from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS
+from hdsafebo.report.data.evidence import INPUTS, RUNS
 from hdsafebo.report.data.inputs import read_inputs
+from hdsafebo.report.data.kept import read_kept
+from hdsafebo.report.data.methods import task_label
 from hdsafebo.report.data.outside import OUTSIDE, is_close, outside_label, read_outside
-from hdsafebo.report.data.planned import planned_runs, read_planned
-from hdsafebo.report.data.results import Results, Uncertainty
 
 LOCAL, PAPER = "hdsafebo_local", "hdsafebo"
 _BENCHMARKS = Path("reports/reference/benchmarks")
@@ -30,7 +30,7 @@ def headline_markdown(root: Path) -> str:
     Raises:
         DatasetError: a file of the evidence is malformed.
     """
-    rows = [*_outside(root / OUTSIDE), _calibration(root), _month(root), _claims(root / "reports/reference")]
+    rows = [*_outside(root / OUTSIDE), _calibration(root), _month(root), *_runs(root / "reports/reference")]
     lines = ["| what was asked | what came out | evidence |", "|---|---|---|"]
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
 
@@ -94,15 +94,29 @@ def _month(root: Path) -> tuple[str, str, str]:
     )
 
 
-def _claims(evidence: Path) -> tuple[str, str, str]:
-    """Counts of the verdicts on the paper's claims."""
+def _runs(evidence: Path) -> list[tuple[str, str, str]]:
+    """The verdicts on this project's own claims, and counts of those on the paper's."""
     asked, link = "Do the paper's claims hold here?", "[claims](docs/reproduction/claims.md)"
-    if not (evidence / RUNS).is_dir():
-        return asked, "not graded: no run is kept", link
-    params = load_params(evidence / PARAMS)
-    runs, _ = read_planned(evidence / RUNS, planned_runs(params))
-    results = Results(runs, Uncertainty(**params.report.model_dump()))
+    kept = read_kept(evidence)
+    if kept is None:
+        return [(asked, "not graded: no run is kept", link)]
     inputs = read_inputs(evidence / INPUTS, evidence / RUNS)
-    claims = paper_claims(results, inputs.isometry, inputs.stimulation)
+    claims = paper_claims(kept.results, inputs.isometry, inputs.stimulation)
     counts = Counter(STATUS_LABELS[next(iter(c.verdicts.values())).status] for c in claims)
-    return asked, ", ".join(f"{label}: {n}" for label, n in counts.items()), link
+    return [
+        *_own(own_claims(kept.results, kept.planned), link),
+        (asked, ", ".join(f"{label}: {n}" for label, n in counts.items()), link),
+    ]
+
+
+def _own(claims: list[Claim], link: str) -> list[tuple[str, str, str]]:
+    """For each verdict the tasks that it was given on."""
+    tasks: dict[str, list[str]] = {}
+    for claim in claims:
+        status = claim.verdicts[""].status
+        if status != "not run":
+            tasks.setdefault(OWN_LABELS[status], []).append(task_label(claim.name.removeprefix("own_")))
+    if not tasks:
+        return []
+    asked = f"Is `{LOCAL}` ahead of every other method that is told the same?"
+    return [(asked, ". ".join(f"{label}: {'; '.join(names)}" for label, names in tasks.items()), link)]

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hdsafebo.params import load_params
 from hdsafebo.report.claims.base import OWN_LABELS, STATUS_LABELS, Claim
 from hdsafebo.report.claims.own import own_claims
 from hdsafebo.report.claims.paper import paper_claims
-from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS, read_provenance
+from hdsafebo.report.data.evidence import INPUTS, RUNS, read_provenance
 from hdsafebo.report.data.inputs import read_inputs
+from hdsafebo.report.data.kept import read_kept
 from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.data.outside import outside_label, read_outside
-from hdsafebo.report.data.planned import planned_runs, read_planned
-from hdsafebo.report.data.results import Results, Uncertainty
+from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import number, with_error
 
 NO_RUN = "No run is kept in `reports/reference`."
@@ -28,16 +27,17 @@ def runs_markdown(evidence: Path) -> str:
     Raises:
         DatasetError: a file of the evidence is missing or malformed.
     """
-    if not (evidence / RUNS).is_dir():
+    kept = read_kept(evidence)
+    if kept is None:
         return NO_RUN
-    results, profile, revision = _read(evidence)
+    revision = str(read_provenance(evidence).get("revision") or "an unknown revision")
     lines = [
-        f"Profile `{profile}`, revision {revision[:10]}; mean ± one standard error over runs. Tasks marked",
-        "informed give every method what a practitioner would know; the others give what the paper gives.",
+        f"Profile `{kept.profile}`, revision {revision[:10]}; mean ± one standard error over runs. Tasks",
+        "marked informed give every method what a practitioner would know; the others what the paper gives.",
         "",
     ]
-    for task in results.experiments:
-        lines += _table(results, task)
+    for task in kept.results.experiments:
+        lines += _table(kept.results, task)
     return "\n".join(lines)
 
 
@@ -47,16 +47,17 @@ def claims_markdown(evidence: Path) -> str:
     Raises:
         DatasetError: as `runs_markdown`.
     """
-    if not (evidence / RUNS).is_dir():
+    kept = read_kept(evidence)
+    if kept is None:
         return NO_RUN
-    results, _, _ = _read(evidence)
     inputs = read_inputs(evidence / INPUTS, evidence / RUNS)
     lines = ["### Of this project's own method", ""]
-    for claim in own_claims(results):
+    for claim in own_claims(kept.results, kept.planned):
         verdict = claim.verdicts[""]
         lines.append(f"- {claim.statement} **{OWN_LABELS[verdict.status]}**: {verdict.text}.")
     lines += ["", "### Of the paper", ""]
-    return "\n".join([*lines, *map(_paper_claim, paper_claims(results, inputs.isometry, inputs.stimulation))])
+    claims = paper_claims(kept.results, inputs.isometry, inputs.stimulation)
+    return "\n".join([*lines, *map(_paper_claim, claims)])
 
 
 def _paper_claim(claim: Claim) -> str:
@@ -78,13 +79,6 @@ def outside_markdown(path: Path) -> str:
             cells += [f"{row['safe']:.3f}", f"{row['marked']:.3f}", str(row["seeds"])]
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
-
-
-def _read(evidence: Path) -> tuple[Results, str, str]:
-    params = load_params(evidence / PARAMS)
-    runs, _ = read_planned(evidence / RUNS, planned_runs(params))
-    revision = read_provenance(evidence).get("revision") or "an unknown revision"
-    return Results(runs, Uncertainty(**params.report.model_dump())), params.profile, str(revision)
 
 
 def _table(results: Results, task: str) -> list[str]:

@@ -19,8 +19,7 @@ VARIANTS = {
     "cei": ("cei_botorch", "cei_prob", "cei_prob_botorch"),
     "cmaes": ("cmaes_tuned", "cmaes_centre"),
 }
-"""The paper's baselines at their best: a claim against a baseline must hold against each of its variants, "
-"too."""
+"""The paper's baselines at their best: a claim against a baseline must hold against each of its variants."""
 
 Status = Literal["reproduced", "partly", "not", "empty", "not run"]
 STATUS_LABELS: dict[Status, str] = {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from hdsafebo.report.claims.base import NOT_RUN, Claim, Verdict, grade
 from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.data.results import Results
@@ -14,18 +16,35 @@ SAFE_ENOUGH = 0.95
 SHARE_AT = "share_600"
 
 
-def own_claims(results: Results) -> list[Claim]:
-    """Stimulation: ahead of every other method at equal information; hand: the highest safe return."""
+def own_claims(results: Results, planned: Collection[tuple[str, str]] | None = None) -> list[Claim]:
+    """Stimulation: ahead of every other method at equal information; hand: the highest safe return.
+
+    Args:
+        results: of all runs.
+        planned: tasks and methods that are to run; None: those that have run. A claim over every other method
+            holds in part only while one of them is missing.
+    """
     scs = [task for task in results.tasks if task.startswith("scs_")]
     hand = [task for task in results.tasks if task in ("hand", "hand_informed")]
-    return [*(_ahead(results, task) for task in scs), *(_highest_return(results, task) for task in hand)]
+    missing = {
+        task: [m for t, m in planned or () if t == task and _competes(m) and m not in results.methods(task)]
+        for task in (*scs, *hand)
+    }
+    return [
+        *(_ahead(results, task, missing[task]) for task in scs),
+        *(_highest_return(results, task, missing[task]) for task in hand),
+    ]
+
+
+def _competes(method: str) -> bool:
+    return method != OWN and style(method).family != "ablation"
 
 
 def _others(results: Results, task: str) -> list[str]:
-    return [m for m in results.methods(task) if m != OWN and style(m).family != "ablation"]
+    return [m for m in results.methods(task) if _competes(m)]
 
 
-def _ahead(results: Results, task: str) -> Claim:
+def _ahead(results: Results, task: str, missing: list[str]) -> Claim:
     verdict = NOT_RUN
     if OWN in results.methods(task) and _others(results, task):
         behind, tied = [], []
@@ -45,7 +64,8 @@ def _ahead(results: Results, task: str) -> Claim:
         parts += [f"undecided against {', '.join(tied)}"] if tied else []
         if len(results.metrics(task, OWN)) < MIN_PAIRS:
             parts.append(f"a test needs at least {MIN_PAIRS} pairs")
-        verdict = Verdict(grade(not behind and not tied, not behind), "; ".join(parts))
+        parts += _not_run(missing)
+        verdict = Verdict(grade(not behind and not tied and not missing, not behind), "; ".join(parts))
     return Claim(
         f"own_{task}",
         f"{task_label(task)}: with the same information as every other method, "
@@ -57,6 +77,10 @@ def _ahead(results: Results, task: str) -> Claim:
         "stimulation",
         {"": verdict},
     )
+
+
+def _not_run(missing: list[str]) -> list[str]:
+    return [f"not run: {', '.join(style(m).label for m in missing)}"] if missing else []
 
 
 def _three(results: Results, task: str, other: str) -> dict[str, Comparison]:
@@ -80,7 +104,7 @@ def _three(results: Results, task: str, other: str) -> dict[str, Comparison]:
     return found
 
 
-def _highest_return(results: Results, task: str) -> Claim:
+def _highest_return(results: Results, task: str, missing: list[str]) -> Claim:
     verdict = NOT_RUN
     if OWN in results.methods(task):
         safe = [m for m in _others(results, task) if results.estimate(task, m, "safety").mean >= SAFE_ENOUGH]
@@ -92,7 +116,9 @@ def _highest_return(results: Results, task: str) -> Claim:
         parts = [f"return {with_error(own)}, safety {number(results.estimate(task, OWN, 'safety').mean)}"]
         parts += [f"{signed(found[m].difference)} over {style(m).label} ({interval(found[m])})" for m in ties]
         parts += [] if safe else [f"no other method has a safety of {SAFE_ENOUGH}"]
-        verdict = Verdict(grade(enough and bool(safe) and not ties, highest), "; ".join(parts))
+        parts += _not_run(missing)
+        holds = enough and bool(safe) and not ties and not missing
+        verdict = Verdict(grade(holds, highest), "; ".join(parts))
     return Claim(
         f"own_{task}",
         f"{task_label(task)}: {style(OWN).label} has the highest return among methods "
