@@ -19,6 +19,7 @@ from hdsafebo.pipeline.stage import COSTS_FILE
 from hdsafebo.report.build import build_report
 from hdsafebo.report.claims.base import Claim, Verdict
 from hdsafebo.report.data.evidence import keep_evidence, rounded
+from hdsafebo.report.data.kept import read_kept
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.report.data.results import Uncertainty
 from hdsafebo.report.headline import _own, _runs
@@ -236,6 +237,17 @@ def test_without_runs_the_pages_say_so(tmp_path: Path) -> None:
     assert runs_markdown(tmp_path) == claims_markdown(tmp_path) == NO_RUN
     (row,) = _runs(tmp_path)
     assert row[1] == "not graded: no run is kept"
+
+
+def test_the_first_screen_says_how_much_has_been_run(project: Path) -> None:
+    evidence = reference(project)
+    kept = read_kept(evidence)
+    assert kept is not None
+    answer = _runs(evidence)[0][1]
+    counted = {name: (int(n), int(of)) for name, n, of in re.findall(r"(\w+): (\d+) of (\d+)", answer)}
+    assert sum(n for n, _ in counted.values()) == len(kept.results.runs) > 0
+    assert sum(of for _, of in counted.values()) == len(kept.planned)
+    assert {task.split("_")[0].replace("scs", "stimulation") for task, _ in kept.planned} == counted.keys()
 
 
 def test_tasks_are_named_by_the_verdict_on_this_projects_method() -> None:

@@ -13,7 +13,7 @@ from hdsafebo.report.claims.own import own_claims
 from hdsafebo.report.claims.paper import paper_claims
 from hdsafebo.report.data.evidence import INPUTS, RUNS
 from hdsafebo.report.data.inputs import read_inputs
-from hdsafebo.report.data.kept import read_kept
+from hdsafebo.report.data.kept import KeptRuns, read_kept
 from hdsafebo.report.data.methods import task_label
 from hdsafebo.report.data.outside import OUTSIDE, is_close, outside_label, read_outside
 
@@ -104,9 +104,27 @@ def _runs(evidence: Path) -> list[tuple[str, str, str]]:
     claims = paper_claims(kept.results, inputs.isometry, inputs.stimulation)
     counts = Counter(STATUS_LABELS[next(iter(c.verdicts.values())).status] for c in claims)
     return [
+        _progress(kept),
         *_own(own_claims(kept.results, kept.planned), link),
         (asked, ", ".join(f"{label}: {n}" for label, n in counts.items()), link),
     ]
+
+
+def _progress(kept: KeptRuns) -> tuple[str, str, str]:
+    """How much of the comparison is kept, by family of tasks; the rest has not been run in this size."""
+    wanted = Counter(_family(task) for task, _ in kept.planned)
+    found = Counter(_family(task) for task, _ in kept.results.runs)
+    parts = [f"{family}: {found[family]} of {count}" for family, count in wanted.items()]
+    return (
+        f"What of the comparison has been run? Methods times tasks of the profile `{kept.profile}`",
+        ", ".join(parts),
+        "[results](docs/reproduction/results.md)",
+    )
+
+
+def _family(task: str) -> str:
+    name = task.split("_")[0]
+    return "stimulation" if name == "scs" else name
 
 
 def _own(claims: list[Claim], link: str) -> list[tuple[str, str, str]]:
