@@ -7,6 +7,7 @@ import pytest
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.data.outside import OUTSIDE
+from hdsafebo.report.results_page import growth_markdown
 from hdsafebo.report.sections.base import Text
 from hdsafebo.report.sections.outside import outside_section
 from hdsafebo.report.tables.results import Table
@@ -55,3 +56,18 @@ def test_a_malformed_table_is_named(tmp_path: Path, content: str) -> None:
     write(tmp_path, content)
     with pytest.raises(DatasetError, match=r"table\.json: malformed"):
         outside_section(tmp_path)
+
+
+def test_growth_is_shown_one_axis_at_a_time(tmp_path: Path) -> None:
+    path = tmp_path / "constrained_time.json"
+    assert growth_markdown(path) == "Not measured."
+    sizes = [(50, 10, 4), (100, 10, 4), (100, 5, 4), (100, 10, 4), (100, 10, 1), (100, 10, 4)]
+    rows = [
+        {"trials": n, "dimension": d, "constraints": m, "cpu_s": n / 1000 + d / 100 + m} for n, d, m in sizes
+    ]
+    path.write_text(json.dumps(rows))
+    assert growth_markdown(path).splitlines()[2:] == [
+        "| known trials, with 10 inputs, 4 limits | 50: 4.15, 100: 4.20 |",
+        "| inputs, with 100 known trials, 4 limits | 5: 4.15, 10: 4.20 |",
+        "| limits, with 100 known trials, 10 inputs | 1: 1.20, 4: 4.20 |",
+    ]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from statistics import mode
 
 from hdsafebo.report.claims.base import OWN_LABELS, STATUS_LABELS, Claim
 from hdsafebo.report.claims.own import own_claims
 from hdsafebo.report.claims.paper import paper_claims
 from hdsafebo.report.data.evidence import INPUTS, RUNS, read_provenance
 from hdsafebo.report.data.inputs import read_inputs
+from hdsafebo.report.data.json_files import read_json
 from hdsafebo.report.data.kept import read_kept
 from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.data.outside import outside_label, read_outside
@@ -102,3 +104,24 @@ def _table(results: Results, task: str) -> list[str]:
         cells[0] += f" (in {found} of {runs} runs)" if found < runs else ""
         lines.append(f"| {style(method).label} (`{method}`) | {' | '.join(cells)} | {runs} |")
     return [*lines, ""]
+
+
+def growth_markdown(path: Path) -> str:
+    """CPU time of `hdsafebo_local` on its inputs, as `benchmarks/constrained_time.py` measured it.
+
+    Raises:
+        DatasetError: the file cannot be read as JSON.
+    """
+    rows = read_json(path) or []
+    if not rows:
+        return "Not measured."
+    axes = {"trials": "known trials", "dimension": "inputs", "constraints": "limits"}
+    centre = {axis: mode(r[axis] for r in rows) for axis in axes}  # one axis varies at a time
+    lines = ["| what grows | CPU seconds per 10 trials |", "|---|---|"]
+    for axis, label in axes.items():
+        line = [r for r in rows if all(r[other] == centre[other] for other in axes if other != axis)]
+        found = {r[axis]: f"{r['cpu_s']:.2f}" for r in line}
+        others = ", ".join(f"{centre[other]} {axes[other]}" for other in axes if other != axis)
+        each = ", ".join(f"{n}: {found[n]}" for n in sorted(found))
+        lines.append(f"| {label}, with {others} | {each} |")
+    return "\n".join(lines)
