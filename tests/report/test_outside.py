@@ -7,7 +7,7 @@ import pytest
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.data.outside import OUTSIDE
-from hdsafebo.report.results_page import growth_markdown
+from hdsafebo.report.results_page import growth_markdown, wide_markdown
 from hdsafebo.report.sections.base import Text
 from hdsafebo.report.sections.outside import outside_section
 from hdsafebo.report.tables.results import Table
@@ -71,3 +71,10 @@ def test_growth_is_shown_one_axis_at_a_time(tmp_path: Path) -> None:
         "| inputs, with 100 known trials, 4 limits | 5: 4.15, 10: 4.20 |",
         "| limits, with 100 known trials, 10 inputs | 1: 1.20, 4: 4.20 |",
     ]
+
+
+def test_wide_rounds_are_shown_with_their_units(tmp_path: Path) -> None:
+    path = tmp_path / "wide_rounds.json"
+    row = {"dimension": 63648, "trials": 1000, "round_cpu_s": 0.758, "peak_mb": 984.1, "state_mb": 41.3}
+    path.write_text(json.dumps([row]))
+    assert wide_markdown(path).splitlines()[-1] == "| 63,648 | 1,000 | 0.76 | 0.98 GB | 41 MB |"

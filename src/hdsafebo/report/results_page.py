@@ -125,3 +125,18 @@ def growth_markdown(path: Path) -> str:
         each = ", ".join(f"{n}: {found[n]}" for n in sorted(found))
         lines.append(f"| {label}, with {others} | {each} |")
     return "\n".join(lines)
+
+
+def wide_markdown(path: Path) -> str:
+    """Rounds of `hdsafebo_local` in tens of thousands of dimensions, by `benchmarks/wide_rounds.py`.
+
+    Raises:
+        DatasetError: the file cannot be read as JSON.
+    """
+    lines = ["| inputs | known trials | CPU seconds per 10 trials | peak memory | saved state |"]
+    lines.append("|---|---|---|---|---|")
+    for row in read_json(path) or []:
+        cells = [f"{row['dimension']:,}", f"{row['trials']:,}", f"{row['round_cpu_s']:.2f}"]
+        cells += [f"{row['peak_mb'] / 1000:.2f} GB", f"{row['state_mb']:.0f} MB"]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
