@@ -91,7 +91,7 @@ class Store:
         self.directory = self.root = directory
         self.notices: list[str] = []
         self.writable = not read_only and _writable(directory)
-        self._clock = clock
+        self._clock, self._read_only = clock, read_only
         self._head: Entry | None = None
         self._end = 0  # bytes of the original up to the head
         self._unread: list[Entry] = []
@@ -104,6 +104,12 @@ class Store:
             self._logs = log_paths(self.root)
             self.attachments = attachments_of(self.root)
             self._reload()
+
+    def opened_anew(self) -> Store:
+        """The same session, of which nothing has been read yet."""
+        anew = Store(self.directory, self._clock, read_only=self._read_only)
+        anew.notices = list(dict.fromkeys([*self.notices, *anew.notices]))
+        return anew
 
     @classmethod
     def create(cls, directory: Path, clock: Clock = utc_now) -> Store:
