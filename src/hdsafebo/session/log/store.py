@@ -45,7 +45,7 @@ from hdsafebo.session.log.layout import (
     replace_log,
     write_session,
 )
-from hdsafebo.session.log.sqlite_format import converted, is_sqlite_session
+from hdsafebo.session.log.sqlite_format import converted, finish_conversion, is_sqlite_session
 from hdsafebo.session.log.stops import Stop, pending
 
 PROGRAM = "hdsafebo"
@@ -101,6 +101,8 @@ class Store:
             if former:
                 with self._exclusive(_BUSY_S) if self.writable else nullcontext():
                     self.root = converted(directory, clock, in_place=self.writable)
+            elif self.writable:
+                finish_conversion(directory)
             self._logs = log_paths(self.root)
             self.attachments = attachments_of(self.root)
             self._reload()
@@ -333,7 +335,8 @@ class Store:
                 f"{self._logs[0]}: an entry of {len(row)} bytes, expected at most {MAX_ENTRY_BYTES}, and "
                 f"{MAX_LOG_BYTES} for the whole log; nothing was recorded"
             )
-        append_to_all(self._logs, self._end, row)
+        if not append_to_all(self._logs, self._end, row):
+            raise MovedOnError("another program wrote into the log at the same time: look at its status")
         self._accept(entry, len(row))
 
     @contextmanager
@@ -362,6 +365,8 @@ class Store:
         except FileNotFoundError as error:
             raise SessionError(
                 f"{error.filename}: is gone, deleted or moved under the open session; nothing was recorded"
+                if error.filename is not None
+                else f"{self.directory}: cannot be {action}: {error.strerror or error}"
             ) from None
         except OSError as error:
             raise SessionError(
