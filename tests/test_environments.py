@@ -31,6 +31,50 @@ def test_registered_whichever_import_comes_first(imports: str) -> None:
     assert output_of(f"{imports}; {check}") == "True"
 
 
+IN_THE_MIDDLE = """
+import sys
+
+
+class Plugin:
+    def find_spec(self, name, path, target=None):
+        if name == {module!r} and "hdsafebo" not in sys.modules:
+            import hdsafebo
+
+
+sys.meta_path.insert(0, Plugin())
+import gymnasium
+"""
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        IN_THE_MIDDLE.format(module="gymnasium.spaces"),
+        IN_THE_MIDDLE.format(module="gymnasium.envs"),
+        """
+import gymnasium
+from gymnasium.envs.registration import namespace
+with namespace("plugin"):
+    import hdsafebo
+""",
+        """
+import hdsafebo, gymnasium, importlib
+importlib.reload(gymnasium)
+""",
+    ],
+    ids=["early", "before the table", "below a plugin's name", "imported again"],
+)
+def test_registered_wherever_in_gymnasiums_own_import_it_comes(code: str) -> None:
+    """A plugin of Gymnasium's may import this package while Gymnasium is half imported."""
+    check = "print('hdsafebo/BottleHand-v0' in gymnasium.registry)"
+    assert output_of(f"{code}\n{check}") == "True"
+
+
+def test_a_gymnasium_that_somebody_has_barred_is_no_matter() -> None:
+    code = "import sys; sys.modules['gymnasium'] = None; import hdsafebo; print(hdsafebo.__version__ != '')"
+    assert output_of(code) == "True"
+
+
 def test_an_environment_can_be_made_by_its_name() -> None:
     code = (
         "import hdsafebo, gymnasium; "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -371,3 +372,31 @@ def test_a_setting_given_as_it_is_opens_the_study(tmp_path: Path) -> None:
     assert Study.open(tmp_path / "promised", alpha=0.95).settings == {"alpha": 0.95}
     with pytest.raises(StudyError, match=r"beta of the study is .*; expected 2"):
         Study.open(tmp_path / "promised", beta=2.0)
+
+
+@pytest.mark.parametrize("with_lock", [True, False])
+def test_a_study_that_cannot_be_written_is_looked_at_in_every_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, with_lock: bool
+) -> None:
+    """An archive, a snapshot, a colleague's folder."""
+    path = tmp_path / "s"
+    study = begun(path)
+    known = study.to_dataframe()
+    if not with_lock:
+        (path / "lock").unlink()
+    really = os.open
+
+    def read_only(name: Any, flags: int, *args: Any, **kwargs: Any) -> int:
+        if str(name).startswith(str(path)) and flags & (os.O_RDWR | os.O_WRONLY | os.O_CREAT):
+            raise OSError(errno.EROFS, "Read-only file system", str(name))
+        return really(name, flags, *args, **kwargs)
+
+    monkeypatch.setattr(os, "open", read_only)
+    archived = Study.open(path)
+    assert archived.to_dataframe().equals(known)
+    assert archived.best() == study.best()
+    assert len(archived.predict(archived.to_dataframe()[list(archived.system.inputs)])) == len(known)
+    assert archived.expected_gain() >= 0
+    for step in (lambda: archived.observe(box_starts()), archived.ask):
+        with pytest.raises(StudyError, match="cannot be locked"):
+            step()

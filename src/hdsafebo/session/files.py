@@ -43,10 +43,16 @@ def read_files(
         paths |= {EMBEDDING: embedding, EMBEDDING_CARD: embedding.with_suffix(".json")}
     if isinstance(definition, ListDefinition):
         paths[CANDIDATES] = definition_path.parent / definition.candidates
-    return {
-        role: NamedFile(path.name, read_bounded(path, _LIMITS[role], DefinitionError))
-        for role, path in paths.items()
-    }
+    return {role: _read(role, path) for role, path in paths.items()}
+
+
+def candidates_file(definition_path: Path, definition: ListDefinition) -> NamedFile:
+    """The table beside a session file as it is now; DefinitionError when it cannot be read."""
+    return _read(CANDIDATES, definition_path.parent / definition.candidates)
+
+
+def _read(role: str, path: Path) -> NamedFile:
+    return NamedFile(path.name, read_bounded(path, _LIMITS[role], DefinitionError))
 
 
 def stored_files(store: Store, files: Mapping[str, Mapping[str, str]]) -> dict[str, NamedFile]:

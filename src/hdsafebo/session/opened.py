@@ -5,6 +5,7 @@ Nothing here decides about a trial; the steps are in `session`.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -14,7 +15,7 @@ from hdsafebo.session.advice.advisor_cache import restored_advisor
 from hdsafebo.session.advice.search import Search
 from hdsafebo.session.advice.setup import make_search, make_space
 from hdsafebo.session.definition import parse_definition
-from hdsafebo.session.errors import SessionError
+from hdsafebo.session.errors import AuditError, SessionError
 from hdsafebo.session.files import stored_files
 from hdsafebo.session.log.cache import Cache
 from hdsafebo.session.log.chain import Entry
@@ -22,6 +23,7 @@ from hdsafebo.session.log.state import LoggedTrial, Point, State
 from hdsafebo.session.log.stops import Stop
 from hdsafebo.session.log.store import Clock, Store, utc_now
 from hdsafebo.session.rules import Rules
+from hdsafebo.session.turns import one_at_a_time
 
 _DISCLAIMER = "Research software, not a medical device: a qualified person decides about every trial."
 _DISCLAIMER_GENERIC = "Research software, not a safety system: a qualified person decides about every trial."
@@ -29,6 +31,9 @@ _DISCLAIMER_GENERIC = "Research software, not a safety system: a qualified perso
 
 class OpenedSession:
     """What is in a session's log, and what follows from it.
+
+    Several threads may use one object: its steps wait for each other. After an interrupt the log is read
+    anew.
 
     Attributes:
         definition: the session file as the session was made; limits tightened since are in `space`.
@@ -39,6 +44,12 @@ class OpenedSession:
     """
 
     def __init__(self, store: Store) -> None:
+        self._turn = threading.Lock()
+        self._undone = False  # a step was begun and has not ended: what is in memory may be half of it
+        self._follow(store)
+
+    def _follow(self, store: Store) -> None:
+        """Take in a whole log."""
         self.store = store
         self.cache = Cache(store.root)
         self.state = State()
@@ -56,7 +67,25 @@ class OpenedSession:
         self._rules = Rules(self.space, make_space(self.definition))
         self._advisor: Advisor | None = None
         self._take(entries)
-        self.refresh()
+        self._refresh()
+
+    def begin_anew(self) -> None:
+        """Read the log from its beginning: an interrupt may have come between any two assignments.
+
+        Raises:
+            AuditError: it is not the log that was read before, or longer.
+        """
+        known = self._entries
+        try:
+            self._follow(self.store.opened_anew())
+            if [e.hash for e in self._entries[: len(known)]] != [e.hash for e in known]:
+                raise AuditError(
+                    f"{self.store.directory}: the log was cut or replaced: it does not begin with the "
+                    f"{len(known)} entries that were read before"
+                )
+        except BaseException:
+            self._entries = known
+            raise
 
     @classmethod
     def open(cls, directory: Path, *, clock: Clock = utc_now, read_only: bool = False) -> Self:
@@ -91,8 +120,12 @@ class OpenedSession:
         """The log as far as it was read."""
         return self._entries
 
+    @one_at_a_time
     def refresh(self) -> None:
         """Take in what others have appended to the log, and stops that wait for their place in it."""
+        self._refresh()
+
+    def _refresh(self) -> None:
         self._take(self.store.read())
         self._waiting = self.store.adopt_stops()
         self._take(self.store.read())
@@ -117,13 +150,18 @@ class OpenedSession:
         """What the model believes of any point now; None while it knows nothing."""
         return next(iter(self.believe_all([point])), None)
 
+    @one_at_a_time
     def believe_all(self, points: Sequence[Point]) -> list[dict[str, Any]]:
         """What the model believes of points now; nothing while it knows nothing."""
-        self.refresh()
-        return self.advisor().believe([self.space.point(point) for point in points])
+        self._refresh()
+        return self._followed().believe([self.space.point(point) for point in points])
 
+    @one_at_a_time
     def advisor(self) -> Advisor:
         """The optimiser, brought forward to the end of the log."""
+        return self._followed()
+
+    def _followed(self) -> Advisor:
         if self._advisor is None:
             restored = restored_advisor(self.definition, self._new_search, self.cache, self._entries)
             self._advisor = restored or self.new_advisor()

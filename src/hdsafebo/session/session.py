@@ -24,8 +24,10 @@ from hdsafebo.session.log.stops import pending, press
 from hdsafebo.session.log.store import STARTING, MovedOnError, Store, utc_now
 from hdsafebo.session.opened import OpenedSession
 from hdsafebo.session.rules import open_suggestion, recordable, require_idle, same_recording
+from hdsafebo.session.session_file import require_no_more_care
 from hdsafebo.session.spaces.space import Report
-from hdsafebo.session.tightening import Change, require_same_limits, require_tighter
+from hdsafebo.session.tightening import Change, require_tighter
+from hdsafebo.session.turns import in_turn, one_at_a_time
 from hdsafebo.session.words import checked_name, checked_number, checked_text
 
 _ATTEMPTS = 3
@@ -44,6 +46,7 @@ class Session(OpenedSession):
 
     # --- the protocol
 
+    @one_at_a_time
     def suggest(self, who: str) -> LoggedSuggestion:
         """The next suggestion; the open one again while it waits for its decision.
 
@@ -52,9 +55,9 @@ class Session(OpenedSession):
         """
         person = checked_name(who)
         for _ in range(_ATTEMPTS):
-            self.refresh()
+            self._refresh()
             self._require_as_seen()
-            require_same_limits(self.state.source, self.state.definition)
+            require_no_more_care(self.state, self.space)
             require_idle(self.state, "suggest")
             if self.state.open_suggestion is not None:
                 return self.state.open_suggestion
@@ -64,6 +67,7 @@ class Session(OpenedSession):
                 continue
         raise MovedOnError("others keep changing the session: look at its status and try again")
 
+    @one_at_a_time
     def approve(self, who: str, suggestion: int) -> LoggedTrial:
         """Accept the open suggestion: its trial may be delivered now.
 
@@ -83,6 +87,7 @@ class Session(OpenedSession):
         self._append(person, "approved", {"suggestion": number})
         return self._running()
 
+    @one_at_a_time
     def modify(self, who: str, point: Point, reason: str, suggestion: int) -> LoggedTrial:
         """Replace the open suggestion's inputs by a person's, within the hard limits; see `approve`."""
         person, why = checked_name(who), checked_text(reason, "reason")
@@ -93,14 +98,16 @@ class Session(OpenedSession):
         self._append(person, "modified", {"suggestion": number, "point": checked, "reason": why})
         return self._running()
 
+    @one_at_a_time
     def refuse(self, who: str, reason: str, suggestion: int) -> LoggedSuggestion:
         """Turn the open suggestion down; it will not be made again. See `approve`."""
         person, why = checked_name(who), checked_text(reason, "reason")
         number = checked_number(suggestion, "suggestion")
-        self.refresh()
+        self._refresh()
         self._append(person, "refused", {"suggestion": number, "reason": why})
         return self.state.suggestions[number - 1]
 
+    @one_at_a_time
     def manual(self, who: str, point: Point, reason: str = "") -> LoggedTrial:
         """Start a trial of one's own within the hard limits; an open suggestion expires.
 
@@ -116,6 +123,7 @@ class Session(OpenedSession):
         self._append(person, "manual", {"point": self.space.point(point), "reason": why})
         return self._running()
 
+    @one_at_a_time
     def record(self, who: str, report: Report, trial: int | None = None, *, remark: str = "") -> LoggedTrial:
         """Record what came back from the running trial. Recording the same again changes nothing.
 
@@ -132,7 +140,7 @@ class Session(OpenedSession):
         """
         person, kept = checked_name(who), checked_text(remark, "remark", needed=False)
         wanted = None if trial is None else checked_number(trial, "trial")
-        self.refresh()
+        self._refresh()
         number = recordable(self.state, wanted).number
         labels = {"session": self.state.session, "trial": str(number)}
         measured = self.space.measure(report, labels)
@@ -147,11 +155,12 @@ class Session(OpenedSession):
         files = [] if report.recording is None else [report.recording[0]]
         return self._record(person, payload, files)
 
+    @one_at_a_time
     def not_delivered(self, who: str, reason: str, trial: int | None = None) -> LoggedTrial:
         """Close the running trial without a result: it was not delivered."""
         person, why = checked_name(who), checked_text(reason, "reason")
         wanted = None if trial is None else checked_number(trial, "trial")
-        self.refresh()
+        self._refresh()
         number = recordable(self.state, wanted).number
         empty: dict[str, Any] = {"outcomes": None, "safety": None, "details": {}}
         return self._record(person, {"trial": number, "failure": why, "delivered": False} | empty, [])
@@ -169,7 +178,13 @@ class Session(OpenedSession):
             SessionError: the session's directory cannot be written, so nothing can start from it either.
         """
         press(self.store.directory, who, reason, utc_now())
-        self.refresh()
+        self._waiting = pending(self.store.directory)
+        if not self._turn.acquire(blocking=False):  # another thread is at a step, which finds the stop
+            return False
+        try:
+            in_turn(self, OpenedSession._refresh)
+        finally:
+            self._turn.release()
         return not self._waiting
 
     def resume(self, who: str) -> None:
@@ -179,24 +194,31 @@ class Session(OpenedSession):
             MovedOnError: somebody stopped the session since it was looked at here: nobody goes on over a stop
                 that he has not seen.
         """
-        person, seen = checked_name(who), self._stops()
-        self.refresh()
+        person = checked_name(who)
+        with self._turn:
+            in_turn(self, Session._resume, person, self._stops())
+
+    def _resume(self, person: str, seen: set[str]) -> None:
+        self._refresh()
         if self._stops() != seen:
             raise MovedOnError(f"the session was stopped again meanwhile ({self.stopped}): look, then resume")
         self._append(person, "resumed", {})
 
+    @one_at_a_time
     def switch_target(self, who: str, target: str) -> None:
         """Optimise another objective from now on; all history is reused."""
         person = checked_name(who)
-        self.refresh()
+        self._refresh()
         self._append(person, "target_switched", {"target": target})
 
+    @one_at_a_time
     def note(self, who: str, text: str) -> None:
         """Keep a remark in the log."""
         person, words = checked_name(who), checked_text(text, "note")
-        self.refresh()
+        self._refresh()
         self._append(person, "noted", {"text": words})
 
+    @one_at_a_time
     def tighten(self, who: str, path: Path, reason: str = "") -> list[Change]:
         """Let the tighter hard limits of a session file hold from now on; what they are.
 
@@ -207,7 +229,7 @@ class Session(OpenedSession):
             ProtocolError: a trial waits for its record.
         """
         person, why = checked_name(who), checked_text(reason, "reason", needed=False)
-        self.refresh()
+        self._refresh()
         wanted = load_definition(path)
         made = require_tighter(parse_definition(self.state.definition), wanted)
         self._append(person, "tightened", {"definition": wanted.model_dump(mode="json"), "reason": why})
@@ -230,11 +252,11 @@ class Session(OpenedSession):
 
     def _refresh_to_start(self) -> None:
         """As `refresh`, before a step that may start a trial."""
-        self.refresh()
-        require_same_limits(self.state.source, self.state.definition)
+        self._refresh()
+        require_no_more_care(self.state, self.space)
 
     def _suggest_once(self, person: str) -> LoggedSuggestion:
-        advisor = self.advisor()
+        advisor = self._followed()
         head = self.state.head
         assert head is not None
         computed = {"based_on": head.seq, "target": self.state.target}
@@ -274,7 +296,7 @@ class Session(OpenedSession):
         waiting = kind in _DELIVERING and bool(pending(self.store.directory))
         self._take(self.store.read())  # after the look: a stop that waits no more is in the log
         if kind in _DELIVERING and (waiting or self.state.stopped is not None):
-            self.refresh()
+            self._refresh()
             raise StoppedError(
                 f"STOP was pressed meanwhile: do not deliver trial {len(self.state.trials)}; "
                 "close it as not delivered"

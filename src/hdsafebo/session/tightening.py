@@ -6,12 +6,10 @@ and no others: what is optimised, how it is measured and what counts as safe sta
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
-from hdsafebo.errors import HdSafeBOError
-from hdsafebo.session.definition import Definition, load_definition, parse_definition
+from hdsafebo.session.definition import Definition
 from hdsafebo.session.errors import DefinitionError
 
 Direction = Literal["lower", "higher"]
@@ -24,7 +22,21 @@ _TIGHTER: dict[tuple[str, ...], Direction] = {
     ("inputs", "*", "lower"): "higher",
 }
 """Hard limits by their place in a session file, and which way is tighter."""
+_MORE_CAREFUL: dict[tuple[str, ...], Direction] = _TIGHTER | {
+    ("stimulator", "pulse_width_us"): "higher",
+    ("stimulator", "contact_area_mm2"): "lower",
+    ("scores", "threshold"): "higher",
+    ("safety", "*", "at_least"): "higher",
+    ("safety", "*", "at_most"): "lower",
+    ("method", "settings", "alpha"): "higher",
+    ("method", "settings", "beta"): "higher",
+    ("at_once",): "lower",
+}
+"""The same, and what a running session cannot take."""
+_CARE = {place[0] for place in _MORE_CAREFUL} | {"priors"}
+"""Blocks that say what may be delivered, and what counts as safe."""
 _HOME = ("inputs", "*", "home")
+_STEPS = (("inputs", "*", "max_step"), _HOME)
 
 Change = tuple[str, Any, Any]
 """Place in the session file, value that is in force, value that is wanted."""
@@ -37,16 +49,10 @@ def changes(present: Definition, wanted: Definition) -> tuple[list[Change], list
     for place, before, after in _differences(
         present.model_dump(mode="json"), wanted.model_dump(mode="json"), ()
     ):
-        general = tuple("*" if isinstance(part, int) else part for part in place)
-        direction = _TIGHTER.get(general) or _TIGHTER.get((*general[:-1], "*"))
-        numbers = all(isinstance(v, int | float) for v in (before, after))
-        ordered = numbers and (after < before if direction == "lower" else after > before)
         change = (".".join(map(str, place)), before, after)
-        if direction and ordered:
+        if _goes(_TIGHTER, place, before, after):
             tighter.append(change)
-        elif general == _HOME and before is not None and after == _clipped_home(wanted, place[1], before):
-            continue  # the start follows limits that have left it outside
-        else:
+        elif not _follows(place, before, after, wanted):
             others.append(change)
     return tighter, others
 
@@ -67,39 +73,65 @@ def require_tighter(present: Definition, wanted: Definition) -> list[Change]:
     return tighter
 
 
-def require_same_limits(source: str, present: dict[str, Any]) -> None:
-    """Nothing, while a session file draws no limit tighter than in force; else it must be applied first.
+def more_care(present: Definition, wanted: Definition) -> list[Change]:
+    """Where the second of two definitions may ask for more care than the first, other than by tighter limits.
 
-    A file that is gone, unreadable, or of another session (another name or kind) says nothing, and wider
-    limits in it have no effect.
-
-    Args:
-        source: path of the session file; may be empty.
-        present: definition that is in force.
-
-    Raises:
-        DefinitionError: the file draws a limit tighter.
+    What is known to be wider does not count, nor does what says nothing about care (a target, a seed, how
+    outcomes are measured).
     """
-    if not source:
-        return
-    try:
-        wanted = load_definition(Path(source))
-    except (HdSafeBOError, OSError, ValueError):
-        return
-    held = parse_definition(present)
-    if (wanted.name, wanted.kind) != (held.name, held.kind):
-        return
-    tighter, _ = changes(held, wanted)
-    if tighter:
-        raise DefinitionError(
-            f"{source} was tightened after the session was made: {describe(tighter)}. Apply it with "
-            "`hdsafebo session tighten`, or take the change back"
-        )
+    return [
+        (".".join(map(str, place)), before, after)
+        for place, before, after in _differences(_plain(present), _plain(wanted), ())
+        if place[0] in _CARE
+        and not _goes(_TIGHTER, place, before, after)
+        and not _is_wider(place, before, after)
+        and not _follows(place, before, after, wanted)
+    ]
 
 
 def describe(made: list[Change]) -> str:
     """Changes in one line."""
     return "; ".join(f"{place} is {after!r}, in force {before!r}" for place, before, after in made)
+
+
+def _general(place: tuple[Any, ...]) -> tuple[Any, ...]:
+    return tuple("*" if isinstance(part, int) else part for part in place)
+
+
+def _goes(ways: Mapping[tuple[str, ...], Direction], place: tuple[Any, ...], before: Any, after: Any) -> bool:
+    """Whether a number goes the way that is listed for its place."""
+    general = _general(place)
+    direction = ways.get(general) or ways.get((*general[:-1], "*"))
+    if direction is None or not all(isinstance(v, int | float) for v in (before, after)):
+        return False
+    return bool(after < before if direction == "lower" else after > before)
+
+
+def _is_wider(place: tuple[Any, ...], before: Any, after: Any) -> bool:
+    """Whether a change is known to permit more, and nothing less."""
+    if _general(place) in _STEPS:
+        return after is None or _goes(_TIGHTER, place, after, before)
+    if place[0] == "priors":
+        return isinstance(before, list) and isinstance(after, list) and all(part in after for part in before)
+    if place == ("stimulator", "current_split"):
+        return bool(after == "equal")
+    return _goes(_MORE_CAREFUL, place, after, before)
+
+
+def _follows(place: tuple[Any, ...], before: Any, after: Any, wanted: Definition) -> bool:
+    """Whether a change is that of a start that follows limits which have left it outside."""
+    if _general(place) != _HOME or before is None:
+        return False
+    return bool(after == _clipped_home(wanted, place[1], before))
+
+
+def _plain(definition: Definition) -> dict[str, Any]:
+    """A definition as plain data, limits of measured quantities under one name."""
+    data = definition.model_dump(mode="json")
+    for rule in data.get("safety", []):
+        if rule["threshold"] is not None:
+            rule |= {"at_least": rule["threshold"], "threshold": None}
+    return data
 
 
 def _differences(

@@ -7,6 +7,7 @@ lock          held while a step is taken, so that several processes take turns
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import filecmp
 import json
@@ -30,6 +31,7 @@ from hdsafebo.system.errors import StudyError
 
 _FORMAT = 2
 _WITHOUT_DIGEST = 1  # written before descriptions had a digest, and studies a state from the beginning
+_UNWRITABLE = (errno.EROFS, errno.EACCES, errno.EPERM)
 _SYSTEM, _STATE, _LOCK = "system.json", "state", "lock"
 
 
@@ -164,8 +166,11 @@ class Folder:
             raise StudyError(f"{path}: damaged description: {reason}") from None
 
     @contextmanager
-    def locked(self) -> Iterator[None]:
+    def locked(self, *, looking: bool = False) -> Iterator[None]:
         """Take the turn of this process.
+
+        Args:
+            looking: nothing will be written, so that the folder may be one that cannot be (an archive).
 
         Raises:
             StudyError: the folder is gone, or cannot be written.
@@ -173,9 +178,30 @@ class Folder:
         try:
             handle = os.open(self.path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         except OSError as error:
+            if looking and error.errno in _UNWRITABLE:
+                with self._looked_at():
+                    yield
+                return
             raise StudyError(f"{self.path}: cannot be locked: {error.strerror}") from None
         try:
             fcntl.flock(handle, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(handle)
+
+    @contextmanager
+    def _looked_at(self) -> Iterator[None]:
+        """Share the turn with others that look, as far as there is a lock to share.
+
+        States are replaced whole, so that one is whole without a lock, too.
+        """
+        try:
+            handle = os.open(self.path / _LOCK, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError:
+            yield
+            return
+        try:
+            fcntl.flock(handle, fcntl.LOCK_SH)
             yield
         finally:
             os.close(handle)

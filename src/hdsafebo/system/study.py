@@ -348,7 +348,7 @@ class Study:
             if self._folder is None:
                 yield self._optimizer
                 return
-            with self._folder.locked():
+            with self._folder.locked(looking=True):
                 self._refresh(self._folder)
                 yield self._optimizer
 

@@ -35,6 +35,17 @@ def test_day_effects_are_found() -> None:
         assert error.std() < 0.05
 
 
+@pytest.mark.parametrize("size", [1e-300, 1e200, 1e305])
+def test_outcomes_of_any_size_are_fitted_alike(size: float) -> None:
+    """A mistyped outcome, such as 1e308, must not make an infinity of what is believed of all others."""
+    rng = np.random.default_rng(3)
+    inputs, days = rng.uniform(size=(12, 2)), np.arange(12) // 4
+    outcomes = rng.normal(size=(12, 1)) + inputs[:, :1]
+    plain, scaled = fit_days(inputs, outcomes, days), fit_days(inputs, outcomes * size, days)
+    np.testing.assert_allclose(scaled.value, plain.value * size, rtol=1e-6)
+    np.testing.assert_allclose(scaled.signal, plain.signal * size, rtol=1e-6)
+
+
 def test_one_point_and_constant_outcomes() -> None:
     model = fit_days(np.zeros((1, 2)), np.array([[3.0]]), np.zeros(1, int))
     assert model.value[0, 0] == 3.0

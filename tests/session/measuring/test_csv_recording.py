@@ -235,3 +235,20 @@ def test_one_unit_may_be_written_in_two_ways(units: str) -> None:
     lines = table().splitlines()
     content = "\n".join(["time_s,left [uV],right [μV]", units, *lines[1:]]).encode()
     np.testing.assert_allclose(peak_to_peak(read_recording(content, "a.csv", EMG), EMG), SIZES_UV, rtol=1e-3)
+
+
+@pytest.mark.parametrize("mark", ["1,2", '"Mo, 1,5"', "on,5"])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_what_is_not_looked_at_does_not_say_how_numbers_are_written(mark: str, decimal: str) -> None:
+    """A comma in a column of marks used to make decimal commas of the others' points."""
+    marked = table(";", decimal, extra=("Marker", [mark] * len(samples())))
+    emg = EMG.model_copy(update={"ignored_channels": ["Marker"]})
+    np.testing.assert_allclose(peak_to_peak(read_recording(marked.encode(), "a.csv", emg), emg), SIZES_UV)
+
+
+def test_a_clock_that_is_not_looked_at_is_no_second_time() -> None:
+    emg = EMG.model_copy(update={"ignored_channels": ["Time"]})
+    clocked = table(extra=("Time", ["10:00:00"] * len(samples()))).encode()
+    np.testing.assert_allclose(peak_to_peak(read_recording(clocked, "a.csv", emg), emg), SIZES_UV)
+    with pytest.raises(RecordingError, match="header"):
+        read_recording(clocked, "a.csv", EMG)

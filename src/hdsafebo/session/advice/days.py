@@ -60,9 +60,11 @@ def fit_days(
     """
     n = len(inputs)
     signal = np.zeros(outcomes.shape[1])
-    centre, scale = outcomes.mean(axis=0), outcomes.std(axis=0)
+    # Squares of 1e200 are infinite; a power of two changes no digit.
+    size = np.exp2(np.floor(np.log2(np.maximum(np.abs(outcomes).max(axis=0), np.finfo(float).tiny))))
+    centre, scale = (outcomes / size).mean(axis=0), (outcomes / size).std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
-    columns = np.column_stack([(outcomes - centre) / scale, np.ones(n)])
+    columns = np.column_stack([(outcomes / size - centre) / scale, np.ones(n)])
     distances = exact_distances(inputs, inputs)
     reference = float(np.median(distances)) or 1.0
     same_day = (days[:, None] == days).astype(float)
@@ -93,7 +95,8 @@ def fit_days(
                 signal[better] = np.sqrt(variance[better])
                 for column in np.flatnonzero(better):
                     chosen[column] = theta
-    return DayModel(centre + scale * value, scale * effect, tuple(chosen), scale * signal)
+    scale *= size
+    return DayModel(centre * size + scale * value, scale * effect, tuple(chosen), scale * signal)
 
 
 def day_deviation(inputs: FloatArray, days: IntArray, row: int, theta: Theta, signal: float) -> float:

@@ -16,6 +16,8 @@ from pathlib import Path
 from hdsafebo.session.errors import AuditError
 from hdsafebo.session.log.chain import START, Entry, follow_on, read_row, rows
 
+_MOST_BAD = 1000  # lines: a file with more of them is no log, and reading on could take hours
+_SHOWN_BAD = 5
 _BEGINNING = re.compile(rb"[0-9a-f]{0,63}|[0-9a-f]{64}( [^\n]*)?")
 
 
@@ -69,6 +71,11 @@ def read_copies(paths: Sequence[Path]) -> Reading:
     exact = [_is_exactly(file, entries) for file in files]
     if damage and not any(exact):
         _require_nothing_lost(files, entries)
+    if all(file.tail.strip(b"\0") for file in files):  # the second file is begun when the first has its row
+        raise AuditError(
+            f"{files[0].path}: what follows entry {len(entries)} is cut in both copies of the log: "
+            "restore the session from a backup"
+        )
     tidy = not damage and all(exact) and not any(file.tail for file in files)
     return Reading(entries, damage, tidy)
 
@@ -87,6 +94,8 @@ def _read(path: Path) -> _RowsFile:
                 file.good.append(read_row(row[:-1], f"{path}, line {number}"))
             except AuditError:
                 file.bad.append(number)
+                if len(file.bad) == _MOST_BAD:
+                    break
     except FileNotFoundError:
         file.missing = True
     if file.tail and not _BEGINNING.fullmatch(file.tail.rstrip(b"\0")):
@@ -130,7 +139,9 @@ def _damage(file: _RowsFile, entries: list[Entry], other: _RowsFile, *, second: 
     if file.missing:
         return [f"{file.path} is missing"] if entries else []
     if file.bad:
-        return [f"{file.path}: line {number} is damaged" for number in file.bad]
+        more = len(file.bad) - _SHOWN_BAD
+        shown = [f"{file.path}: line {number} is damaged" for number in file.bad[:_SHOWN_BAD]]
+        return shown + [f"{file.path}: {more} further lines are damaged, or more"] * (more > 0)
     if [e.hash for e in file.good] != [e.hash for e in entries[: len(file.good)]]:
         return [f"{file.path}: rows are missing, repeated or moved"]
     behind = len(entries) - len(file.good)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -77,8 +78,14 @@ def replace_log(path: Path, content: bytes, *, keep: bool) -> None:
         temporary.write_bytes(content)
 
 
-def append_to_all(paths: Sequence[Path], end: int, row: bytes) -> None:
+def append_to_all(paths: Sequence[Path], end: int, row: bytes) -> bool:
     """Append a row to every file, or to none of them.
+
+    The session's lock keeps others from writing, unless somebody has removed its file meanwhile: the first
+    log is locked as well, and nothing is written over what has come behind `end`.
+
+    Returns:
+        Whether it was appended; False when another program has appended something.
 
     Raises:
         OSError: a file is gone or cannot be written.
@@ -86,6 +93,9 @@ def append_to_all(paths: Sequence[Path], end: int, row: bytes) -> None:
     files: list[int] = []
     try:
         files += [os.open(path, os.O_RDWR | os.O_CLOEXEC) for path in paths]
+        fcntl.flock(files[0], fcntl.LOCK_EX)
+        if any(os.fstat(file).st_size != end for file in files):
+            return False
         try:
             for file in files:
                 append_durably(file, end, row)
@@ -97,6 +107,7 @@ def append_to_all(paths: Sequence[Path], end: int, row: bytes) -> None:
                 with suppress(OSError):
                     os.ftruncate(file, end)
             raise
+        return True
     finally:
         for file in files:
             os.close(file)

@@ -43,8 +43,19 @@ _SCHEMA = {
 
 
 def is_sqlite_session(directory: Path) -> bool:
-    """Whether a directory holds a session of the former format that was not converted yet."""
-    return (directory / FILE_NAME).is_file() and not log_paths(directory)[0].exists()
+    """Whether a directory holds a session of the former format that was not converted yet.
+
+    Either copy of a log says that it was: steps may have followed that the database does not know.
+    """
+    return (directory / FILE_NAME).is_file() and not any(path.exists() for path in log_paths(directory))
+
+
+def finish_conversion(directory: Path) -> None:
+    """Put the database aside that a program which was killed while it converted has left in its place."""
+    for end in _SIDE_FILES:
+        path, aside = directory / f"{FILE_NAME}{end}", directory / f"{FILE_NAME}{end}.converted"
+        if path.is_file() and not aside.exists():
+            path.rename(aside)
 
 
 def converted(directory: Path, clock: Callable[[], datetime], *, in_place: bool) -> Path:
@@ -76,10 +87,7 @@ def converted(directory: Path, clock: Callable[[], datetime], *, in_place: bool)
         Cache(root).write(entries[cached[0] - 1], cached[1], cached[2])
     write_session(root, entries, files.values())
     if in_place:
-        for end in _SIDE_FILES:
-            path = directory / f"{FILE_NAME}{end}"
-            if path.exists():
-                path.rename(f"{path}.converted")
+        finish_conversion(directory)
     return root
 
 

@@ -45,7 +45,7 @@ from hdsafebo.session.log.layout import (
     replace_log,
     write_session,
 )
-from hdsafebo.session.log.sqlite_format import converted, is_sqlite_session
+from hdsafebo.session.log.sqlite_format import converted, finish_conversion, is_sqlite_session
 from hdsafebo.session.log.stops import Stop, pending
 
 PROGRAM = "hdsafebo"
@@ -91,7 +91,7 @@ class Store:
         self.directory = self.root = directory
         self.notices: list[str] = []
         self.writable = not read_only and _writable(directory)
-        self._clock = clock
+        self._clock, self._read_only = clock, read_only
         self._head: Entry | None = None
         self._end = 0  # bytes of the original up to the head
         self._unread: list[Entry] = []
@@ -101,9 +101,26 @@ class Store:
             if former:
                 with self._exclusive(_BUSY_S) if self.writable else nullcontext():
                     self.root = converted(directory, clock, in_place=self.writable)
+            elif self.writable:
+                finish_conversion(directory)
             self._logs = log_paths(self.root)
             self.attachments = attachments_of(self.root)
             self._reload()
+
+    def opened_anew(self) -> Store:
+        """The same session, of which nothing has been read yet.
+
+        Raises:
+            SessionError: both copies of its log are gone.
+        """
+        if not any(path.exists() for path in log_paths(self.directory)) and self.root == self.directory:
+            raise SessionError(
+                f"{self.directory}: both copies of the log are gone, deleted or moved under the open "
+                "session; nothing was recorded"
+            )
+        anew = Store(self.directory, self._clock, read_only=self._read_only)
+        anew.notices = list(dict.fromkeys([*self.notices, *anew.notices]))
+        return anew
 
     @classmethod
     def create(cls, directory: Path, clock: Clock = utc_now) -> Store:
@@ -327,7 +344,8 @@ class Store:
                 f"{self._logs[0]}: an entry of {len(row)} bytes, expected at most {MAX_ENTRY_BYTES}, and "
                 f"{MAX_LOG_BYTES} for the whole log; nothing was recorded"
             )
-        append_to_all(self._logs, self._end, row)
+        if not append_to_all(self._logs, self._end, row):
+            raise MovedOnError("another program wrote into the log at the same time: look at its status")
         self._accept(entry, len(row))
 
     @contextmanager
@@ -356,6 +374,8 @@ class Store:
         except FileNotFoundError as error:
             raise SessionError(
                 f"{error.filename}: is gone, deleted or moved under the open session; nothing was recorded"
+                if error.filename is not None
+                else f"{self.directory}: cannot be {action}: {error.strerror or error}"
             ) from None
         except OSError as error:
             raise SessionError(

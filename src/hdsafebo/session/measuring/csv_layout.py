@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from hdsafebo.session.errors import RecordingError
@@ -69,12 +70,13 @@ class CsvLayout:
             at, line = end + 1, line + 1
 
 
-def read_layout(content: bytes, name: str) -> CsvLayout:
+def read_layout(content: bytes, name: str, unread: Collection[str] = ()) -> CsvLayout:
     """Comments, header and units.
 
     Args:
         content: of the file.
         name: of the file, for messages.
+        unread: columns that are not looked at; one of them may be called as a time is.
 
     Raises:
         RecordingError: no header with one time column, or an annotation without a time.
@@ -86,7 +88,9 @@ def read_layout(content: bytes, name: str) -> CsvLayout:
     if len(header) > MAX_CHANNELS:
         raise RecordingError(f"{name}: {len(header)} columns, expected at most {MAX_CHANNELS}")
     names, units = [cell for cell, _ in header], [unit for _, unit in header]
-    times = [(i, found) for i, cell in enumerate(names) if (found := _TIME.fullmatch(cell))]
+    times = [
+        (i, found) for i, cell in enumerate(names) if cell not in unread and (found := _TIME.fullmatch(cell))
+    ]
     if len(times) != 1 or len(header) < 2:
         raise RecordingError(f"{where}: header is {text[:80]!r}, {_EXPECTED}")
     time, found = times[0]

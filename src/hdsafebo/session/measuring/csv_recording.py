@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _BLOCK = 2**20  # bytes that are parsed at once; no line may be longer
+_DECIMAL_COMMA = re.compile(rb"\d,\d|(?:^|[;\t\n]),\d")
 _TIME_JITTER = 0.05  # of a sample: rounding of printed times
 
 
@@ -34,10 +35,10 @@ def read_csv(
     Raises:
         RecordingError: malformed; the message names the line and the column.
     """
-    layout = read_layout(content, name)
+    layout = read_layout(content, name, unread)
     # Columns without a name are what R and pandas write in front of a table, and a delimiter at the end.
     wanted = [i for i, c in enumerate(layout.names) if i == layout.time or (c and c not in unread)]
-    columns = _numbers(layout, wanted, sparse)
+    columns = _read_numbers(layout, wanted, sparse)
     time_s = columns.pop(layout.time) * layout.second
     rate = _rate(time_s, layout)
     channels = tuple(
@@ -47,7 +48,22 @@ def read_csv(
     return Recording(name, channels, layout.annotations, layout.labels)
 
 
-def _numbers(layout: CsvLayout, wanted: list[int], sparse: Collection[str]) -> dict[int, FloatArray]:
+def _read_numbers(layout: CsvLayout, wanted: list[int], sparse: Collection[str]) -> dict[int, FloatArray]:
+    """The wanted columns, with decimal points or, where these make no numbers of them, decimal commas.
+
+    A comma in a column that nobody looks at says nothing about the others.
+    """
+    try:
+        return _numbers(layout, wanted, sparse, ".")
+    except RecordingError:
+        if layout.delimiter == "," or not _DECIMAL_COMMA.search(layout.content, layout.start):
+            raise
+    return _numbers(layout, wanted, sparse, ",")
+
+
+def _numbers(
+    layout: CsvLayout, wanted: list[int], sparse: Collection[str], decimal_point: str
+) -> dict[int, FloatArray]:
     """The wanted columns, all finite and at least two rows long.
 
     The file is parsed in blocks, so that no more of it becomes numbers than there is room for.
@@ -57,7 +73,6 @@ def _numbers(layout: CsvLayout, wanted: list[int], sparse: Collection[str]) -> d
 
     body = memoryview(layout.content)[layout.start :]
     keys = [str(i) for i in range(len(layout.names))]
-    comma = layout.delimiter != "," and re.search(rb"\d,\d|(?:^|[;\t\n]),\d", body) is not None
     pieces: dict[int, list[FloatArray]] = {i: [] for i in wanted}
     rows = 0
     try:
@@ -69,7 +84,7 @@ def _numbers(layout: CsvLayout, wanted: list[int], sparse: Collection[str]) -> d
                 column_types=dict.fromkeys(keys, pa.float64()),
                 include_columns=[keys[i] for i in wanted],
                 null_values=[""],
-                decimal_point="," if comma else ".",
+                decimal_point=decimal_point,
                 check_utf8=False,
             ),
         )
