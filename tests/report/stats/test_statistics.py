@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 from scipy.stats import norm
 
-from hdsafebo.report.stats.statistics import Comparison, compare, estimate
+from hdsafebo.report.stats.statistics import Comparison, compare, estimate, signed_rank
 
 
 def versus(a: list[float], b: list[float], *, higher_is_better: bool = True) -> Comparison:
@@ -113,3 +114,12 @@ def test_rate_of_false_significance_is_at_most_five_percent() -> None:
 
 def test_guarantee_of_beta_two() -> None:
     assert norm.sf(2.0) == pytest.approx(0.0228, abs=5e-5), "the number that the page calls vacuous"
+
+
+@pytest.mark.parametrize("decimals", [0, 1, 8])
+@pytest.mark.parametrize("pairs", [1, 5, 8, 15])
+def test_the_signed_rank_test_is_that_of_scipy(pairs: int, decimals: int) -> None:
+    for seed in range(3):
+        d = np.random.default_rng(seed).normal(0.4, 1.0, pairs).round(decimals)
+        expected = stats.wilcoxon(d, zero_method="pratt").pvalue if d.any() else 1.0
+        assert signed_rank(d) == pytest.approx(expected, rel=1e-12)
