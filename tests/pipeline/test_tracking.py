@@ -6,6 +6,7 @@ import contextlib
 import http.server
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -371,3 +372,15 @@ def test_dependencies_of_a_matrix_item() -> None:
 
 def test_flatten() -> None:
     assert flatten({"a": {"b": 1, "c": {"d": [2]}}, "e": None}) == {"a.b": 1, "a.c.d": [2], "e": None}
+
+
+def test_a_view_in_the_place_of_the_experiments_is_not_computed(tmp_path: Path) -> None:
+    """A store that was handed in: without a look at its tables the list of experiments would never end."""
+    with contextlib.closing(sqlite3.connect(tmp_path / "mlruns.db")) as database:
+        database.executescript(
+            "CREATE VIEW experiments AS WITH RECURSIVE n(experiment_id) AS (SELECT 1 UNION ALL "
+            "SELECT experiment_id + 1 FROM n) SELECT 'x' AS name, experiment_id, "
+            "'active' AS lifecycle_stage FROM n LIMIT 3;"
+        )
+    with pytest.raises(StoreError, match="no table of experiments"):
+        experiments(tmp_path)

@@ -162,6 +162,11 @@ def experiments(home: Path) -> dict[str, str]:
     try:
         require_regular(path)
         with closing(sqlite3.connect(path)) as connection:
+            kind = "SELECT type FROM sqlite_master WHERE name = 'experiments'"
+            if connection.execute(kind).fetchone() != (
+                "table",
+            ):  # a view would be a program of whoever made it
+                raise sqlite3.DatabaseError("it has no table of experiments")
             return {name: str(number) for name, number in connection.execute(query)}
     except (OSError, sqlite3.Error) as error:
         raise StoreError(f"{path}: no store of MLflow: {error}") from None
