@@ -7,7 +7,7 @@ import pytest
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.data.outside import OUTSIDE
-from hdsafebo.report.results_page import growth_markdown, wide_markdown
+from hdsafebo.report.results_page import growth_markdown, outside_markdown, wide_markdown
 from hdsafebo.report.sections.base import Text
 from hdsafebo.report.sections.outside import outside_section
 from hdsafebo.report.tables.results import Table
@@ -78,3 +78,10 @@ def test_wide_rounds_are_shown_with_their_units(tmp_path: Path) -> None:
     row = {"dimension": 63648, "trials": 1000, "round_cpu_s": 0.758, "peak_mb": 984.1, "state_mb": 41.3}
     path.write_text(json.dumps([row]))
     assert wide_markdown(path).splitlines()[-1] == "| 63,648 | 1,000 | 0.76 | 0.98 GB | 41 MB |"
+
+
+def test_a_method_that_marks_nothing_has_a_dash(tmp_path: Path) -> None:
+    path = tmp_path / "table.json"
+    path.write_text(json.dumps({"pressure": {"qlognei": ROW | {"marked": None}}}))
+    line = outside_markdown(path).splitlines()[-1]
+    assert line.endswith("| `qlognei` | −1.2500 | 0.990 | – | 7 |")

@@ -78,7 +78,8 @@ def outside_markdown(path: Path) -> str:
     for problem, methods in read_outside(path).items():
         for method, row in sorted(methods.items(), key=lambda item: item[0] != "hdsafebo_local"):
             cells = [outside_label(problem), number(row["optimum"], 5), f"`{method}`", number(row["best"], 5)]
-            cells += [f"{row['safe']:.3f}", f"{row['marked']:.3f}", str(row["seeds"])]
+            marked = "–" if row["marked"] is None else f"{row['marked']:.3f}"  # a method that marks none
+            cells += [f"{row['safe']:.3f}", marked, str(row["seeds"])]
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
