@@ -36,7 +36,7 @@ def write(root: Path, content: str) -> None:
 
 def test_every_problem_and_method_has_a_row(tmp_path: Path) -> None:
     write(tmp_path, json.dumps({"beam": {"hdsafebo_local": ROW, "qlognei": ROW | {"seeds": 2}}}))
-    _, table = outside_section(tmp_path).blocks
+    _, table = outside_section(tmp_path / OUTSIDE).blocks
     assert isinstance(table, Table)
     texts = [[cell.text for cell in row] for row in table.rows]
     assert [row[1] for row in texts] == ["HdSafeBO-local", "qLogNEI (BoTorch)"]
@@ -46,7 +46,7 @@ def test_every_problem_and_method_has_a_row(tmp_path: Path) -> None:
 
 
 def test_without_a_table_the_section_says_so(tmp_path: Path) -> None:
-    (block,) = outside_section(tmp_path).blocks
+    (block,) = outside_section(tmp_path / OUTSIDE).blocks
     assert isinstance(block, Text)
     assert block.kind == "missing"
 
@@ -55,7 +55,7 @@ def test_without_a_table_the_section_says_so(tmp_path: Path) -> None:
 def test_a_malformed_table_is_named(tmp_path: Path, content: str) -> None:
     write(tmp_path, content)
     with pytest.raises(DatasetError, match=r"table\.json: malformed"):
-        outside_section(tmp_path)
+        outside_section(tmp_path / OUTSIDE)
 
 
 def test_growth_is_shown_one_axis_at_a_time(tmp_path: Path) -> None:

@@ -189,7 +189,10 @@ def test_the_committed_page_has_the_numbers_of_the_committed_evidence(
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(
         (committed / "summary.json").read_text()
     )
-    for path in sorted((committed / "tables").glob("*.csv")):
+    tables = sorted((committed / "tables").glob("*.csv"))
+    assert {path.name for path in tables} == {path.name for path in (tmp_path / "tables").iterdir()}
+    assert "outside.csv" in {path.name for path in tables}
+    for path in tables:
         ours, theirs = pd.read_csv(tmp_path / "tables" / path.name), pd.read_csv(path)
         pd.testing.assert_frame_equal(ours, theirs, check_exact=False, rtol=1e-9)
 

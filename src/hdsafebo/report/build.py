@@ -14,6 +14,7 @@ from hdsafebo.report.claims.paper import paper_claims
 from hdsafebo.report.data.inputs import Inputs, read_inputs
 from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.data.metrics import METRIC_LABELS
+from hdsafebo.report.data.outside import OUTSIDE
 from hdsafebo.report.data.planned import read_planned
 from hdsafebo.report.data.results import Results, Uncertainty
 from hdsafebo.report.figures.workflow import workflow_figure
@@ -54,6 +55,7 @@ def build_report(
     isometry_points: int | None = None,
     settings: Uncertainty | None = None,
     runs: Path | None = None,
+    outside: Path | None = None,
     output: Path | None = None,
 ) -> dict[str, Any]:
     """Read the result files below `root` and write the report.
@@ -66,6 +68,7 @@ def build_report(
         isometry_points: field maps that the isometry check measured distances between.
         settings: how uncertainty is stated.
         runs: folder of the run files; None takes `root/data/runs`.
+        outside: table of the problems that others wrote; None takes the project's.
         output: folder of the report; None takes `root/reports`.
 
     Returns:
@@ -81,7 +84,7 @@ def build_report(
     claims = paper_claims(results, inputs.isometry, inputs.stimulation)
     own = own_claims(results, planned)
     leaders = _leaders(results)
-    sections = _sections(results, inputs, isometry_points, root)
+    sections = _sections(results, inputs, isometry_points, root / OUTSIDE if outside is None else outside)
     folder = root / "reports" if output is None else output
     for name in ("figures", "tables", "curves"):
         (folder / name).mkdir(parents=True, exist_ok=True)
@@ -100,7 +103,7 @@ def build_report(
     return content
 
 
-def _sections(results: Results, inputs: Inputs, isometry_points: int | None, root: Path) -> list[Section]:
+def _sections(results: Results, inputs: Inputs, isometry_points: int | None, outside: Path) -> list[Section]:
     return [
         Section("workflow", "The algorithm", "Figure 1", [workflow_figure()]),
         synthetic_section(results),
@@ -110,7 +113,7 @@ def _sections(results: Results, inputs: Inputs, isometry_points: int | None, roo
         stimulation_section(results, inputs),
         embedding_section(inputs, isometry_points),
         digits_section(results),
-        outside_section(root),
+        outside_section(outside),
         safety_section(results),
         runtime_section(results),
         clinical_section(),

@@ -14,6 +14,7 @@ from hdsafebo.params import load_params
 from hdsafebo.report.build import build_report
 from hdsafebo.report.data.evidence import INPUTS, PARAMS, RUNS, keep_evidence, read_provenance
 from hdsafebo.report.data.json_files import read_json
+from hdsafebo.report.data.outside import IN_EVIDENCE
 from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.report.data.results import Uncertainty
 from hdsafebo.report.published import publish
@@ -75,6 +76,7 @@ def report_from(evidence: Path, output: Path) -> dict[str, Any]:
         isometry_points=params.isometry.points,
         settings=Uncertainty(**params.report.model_dump()),
         runs=evidence / RUNS,
+        outside=evidence / IN_EVIDENCE,
         output=output,
     )
 

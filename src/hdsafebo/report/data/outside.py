@@ -9,7 +9,8 @@ from typing import Any
 from hdsafebo.errors import DatasetError
 from hdsafebo.files.bounded import read_text
 
-OUTSIDE = "reports/reference/benchmarks/outside/table.json"
+IN_EVIDENCE = "benchmarks/outside/table.json"
+OUTSIDE = f"reports/reference/{IN_EVIDENCE}"
 _LABELS = {
     "ackley10": "Ackley, 10 inputs, 2 limits",
     "g04": "g04, 5 inputs, 6 limits",

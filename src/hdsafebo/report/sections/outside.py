@@ -8,7 +8,7 @@ import pandas as pd
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.report.data.methods import style
-from hdsafebo.report.data.outside import OUTSIDE, Outside, read_outside
+from hdsafebo.report.data.outside import Outside, read_outside
 from hdsafebo.report.formatting import number
 from hdsafebo.report.sections.base import Section, Text, not_run
 from hdsafebo.report.tables.results import Cell, Table
@@ -22,14 +22,16 @@ _INTRO = (
 )
 
 
-def outside_section(root: Path) -> Section:
+def outside_section(path: Path) -> Section:
     """From the kept table of the benchmark.
+
+    Args:
+        path: of the table.
 
     Raises:
         DatasetError: the table is malformed.
     """
     title = "Problems that others wrote"
-    path = root / OUTSIDE
     if not path.is_file():
         return Section("outside", title, "", [not_run(title)])
     problems = read_outside(path)
