@@ -115,8 +115,8 @@ class Store:
         """
         if not any(path.exists() for path in log_paths(self.directory)) and self.root == self.directory:
             raise SessionError(
-                f"{self.directory}: both copies of the log are gone, deleted or moved under the open "
-                "session; nothing was recorded"
+                f"{self.directory}: the log was deleted or moved under the open session, and is "
+                "not there any more; nothing was recorded"
             )
         anew = Store(self.directory, self._clock, read_only=self._read_only)
         anew.notices = list(dict.fromkeys([*self.notices, *anew.notices]))
