@@ -22,6 +22,7 @@ LOW = {"polarity": [-1, 1, *[0] * 14], "current_ma": 0.05}
 FREE = [{"name": n, "lower": -1.0, "upper": 1.0} for n in "abc"]
 LIMIT = [{"name": "margin", "at_most": 1.0}]
 AT_ONCE = {"inputs": FREE, "at_once": 3}
+BETA = {"method": {"settings": {"beta": -3.0}}}
 MORE: dict[str, tuple[dict[str, Any], Change, str]] = {
     "a step": ({"inputs": FREE}, lambda d: d["inputs"][0].update(max_step=0.1, home=0.5), "max_step is 0.1"),
     "a start": ({}, lambda d: d["inputs"][0].update(home=0.4), r"inputs\.0\.home is 0\.4"),
@@ -30,6 +31,7 @@ MORE: dict[str, tuple[dict[str, Any], Change, str]] = {
     "a limited quantity": ({}, lambda d: d["safety"].append({"name": "heat", "at_most": 1}), "heat"),
     "fewer at once": (AT_ONCE, lambda d: d.update(at_once=1), "at_once is 1, in force 3"),
     "a promise": ({}, lambda d: d.update(method={"settings": {"alpha": 0.999}}), "alpha is 0.999"),
+    "a lower bound": (BETA, lambda d: d["method"]["settings"].update(beta=-4.0), "beta is -4.0, in force -3"),
     "an input": ({}, lambda d: d["inputs"].append({"name": "d", "lower": 0, "upper": 1}), "'d'"),
     "a limit and a seed": (
         {},
@@ -119,6 +121,12 @@ def test_a_file_that_cannot_be_read_as_one_is_not_taken_for_wider(make_session: 
 def test_what_asks_for_no_more_care_keeps_nothing_from_starting(make_session: Make, change: Change) -> None:
     session = make_session()
     edit(session, change)
+    session.manual("ann", HOME)
+
+
+def test_a_higher_bound_asks_for_no_more_care(make_session: Make) -> None:
+    session = make_session(**BETA)
+    edit(session, lambda d: d["method"]["settings"].update(beta=-2.0))
     session.manual("ann", HOME)
 
 

@@ -29,7 +29,7 @@ _MORE_CAREFUL: dict[tuple[str, ...], Direction] = _TIGHTER | {
     ("safety", "*", "at_least"): "higher",
     ("safety", "*", "at_most"): "lower",
     ("method", "settings", "alpha"): "higher",
-    ("method", "settings", "beta"): "higher",
+    ("method", "settings", "beta"): "lower",  # the bound is mean + beta * deviation
     ("at_once",): "lower",
 }
 """The same, and what a running session cannot take."""
