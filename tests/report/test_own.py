@@ -40,7 +40,7 @@ def test_ahead_of_every_method(tmp_path: Path) -> None:
     stimulation(tmp_path, "scbo", 0.8, 40)
     verdict = claims(tmp_path)["own_scs_st_informed"].verdicts[""]
     assert verdict.status == "reproduced"
-    assert verdict.text == "significantly better than 2 of 2, worse in none"
+    assert verdict.text == "ahead of 2 of 2 (significantly better in a measure, worse in none)"
 
 
 def test_a_method_that_has_not_run_leaves_the_claim_in_part(tmp_path: Path) -> None:
@@ -50,7 +50,7 @@ def test_a_method_that_has_not_run_leaves_the_claim_in_part(tmp_path: Path) -> N
     results = Results(read_runs(tmp_path / "data/runs"), Uncertainty(bootstrap_samples=200))
     verdict = own_claims(results, [*planned, ("scs_ga", "cei")])[0].verdicts[""]
     assert verdict.status == "partly"
-    assert verdict.text == "significantly better than 1 of 1, worse in none; not run: SCBO"
+    assert verdict.text == "ahead of 1 of 1 (significantly better in a measure, worse in none); not run: SCBO"
 
 
 def test_a_safer_method_breaks_the_claim(tmp_path: Path) -> None:

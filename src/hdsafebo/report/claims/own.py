@@ -57,10 +57,10 @@ def _ahead(results: Results, task: str, missing: list[str]) -> Claim:
             elif not any(c.better for c in found.values()):
                 tied.append(style(other).label)
         parts = [
-            f"significantly better than {len(others) - len(behind) - len(tied)} "
-            f"of {len(others)}, worse in none"
+            f"ahead of {len(others) - len(behind) - len(tied)} of {len(others)} (significantly better in a "
+            "measure, worse in none)"
         ]
-        parts += [f"worse than {', '.join(behind)}"] if behind else []
+        parts += [f"significantly worse than {', '.join(behind)}"] if behind else []
         parts += [f"undecided against {', '.join(tied)}"] if tied else []
         if len(results.metrics(task, OWN)) < MIN_PAIRS:
             parts.append(f"a test needs at least {MIN_PAIRS} pairs")
