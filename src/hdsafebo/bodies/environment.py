@@ -30,7 +30,7 @@ class PushedBodyEnv(gym.Env[Observation, Action]):
     The episode begins in a standing posture, with muscles active as they hold it, and a horizontal velocity
     of the whole body that the seed draws. A fall ends it: the pelvis below 0.75 of its height, or tilted by
     more than 0.6 rad. Actions in [-1, 1] are muscle excitations of (a + 1) / 2, kept for 10 ms. Observations
-    are in SI units (see `Measured.vector`).
+    are in SI units (see `BodyMeasurement.vector`).
 
     Reward of a step: 1 - 40 offset^2 - 2 tilt^2 - 3 mean(excitation^2) - 0.002 mean(speed^2), in m and rad.
 
