@@ -1,4 +1,4 @@
-"""Computing with one thread: sums in another order have other bits, so suggestions would not come out again."""
+"""Computing with one thread: sums in another order have other bits, and suggestions would be other ones."""
 
 from __future__ import annotations
 
