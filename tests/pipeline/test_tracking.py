@@ -318,6 +318,19 @@ def test_what_is_no_store_costs_one_notice_and_no_time(
 
 
 @pytest.mark.usefixtures("local_store")
+def test_who_finds_a_store_that_another_program_holds_is_not_told_to_move_it_away(
+    project: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """All earlier runs are in it."""
+    with contextlib.closing(sqlite3.connect(project / "mlruns.db", isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with track_stage("optimize", PARAMS, project) as tracker:
+            tracker.log_metrics({"a": 1.0})
+    assert caplog.text.count("mlruns.db: another program has locked it") == 1
+    assert "move it away" not in caplog.text
+
+
+@pytest.mark.usefixtures("local_store")
 def test_a_store_that_breaks_in_mid_stage_costs_one_notice(
     project: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

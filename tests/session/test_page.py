@@ -16,6 +16,8 @@ import pytest
 import uvicorn
 from starlette.requests import Request
 
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import write_mapping
 from hdsafebo.session.create import create_session
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.stops import press
@@ -27,7 +29,7 @@ from hdsafebo.session.web.app import Page, _refusal
 from hdsafebo.session.web.guard import Guard, is_loopback
 from hdsafebo.session.web.server import address, listening
 from tests.session.browser import CHROMIUM, DRIVER, Browser, free_port, wait_for
-from tests.session.small import bowl
+from tests.session.small import bowl, box_definition
 
 needs_browser = pytest.mark.skipif(
     CHROMIUM is None or DRIVER is None,
@@ -484,9 +486,10 @@ def test_the_page_says_nothing_about_inputs_that_were_not_looked_at(
             wait_for(lambda: browser.text("#title") == "Ready", "the page")
             browser.click("button[data-step=Suggest]")
             wait_for(lambda: browser.text("#title").startswith("Suggestion 1"), "a suggestion")
-            browser.click("button[data-step=Change]")
-            assert browser.run(believed) == ""  # until exactly these inputs were looked at
-            assert browser.run(ready) is False
+            change = "document.querySelector('button[data-step=Change]').click();"
+            assert browser.run(change + believed) == ""  # until exactly these inputs were looked at
+            browser.click("button[data-step=Back]")
+            assert browser.run(change + ready) is False
             wait_for(lambda: browser.run(ready), "the look")
             assert "%" in browser.run(believed)
             for contact in range(1, 17):
@@ -507,6 +510,26 @@ def test_the_page_says_nothing_about_inputs_that_were_not_looked_at(
             wait_for(lambda: "cannot be looked at" in browser.text("#breaches"), "the refusal")
             assert browser.run(believed) == ""
             assert browser.run(ready) is False
+    finally:
+        served.stop()
+
+
+@needs_browser
+def test_the_page_shows_the_inputs_in_the_words_of_the_server(tmp_path: Path) -> None:
+    """Six digits of a value between 1,000,000 and 1,000,001 are those of another trial."""
+    inputs = [{"name": "a", "lower": 1e6, "upper": 1e6 + 1}, {"name": "b", "lower": 0.0, "upper": 1.0}]
+    initial = tmp_path / "initial.csv"
+    initial.write_text("a,b,speed,economy,margin\n1000000.25,0.5,1,1,1\n")
+    definition = tmp_path / "session.yaml"
+    write_mapping(definition, box_definition() | {"inputs": inputs}, ParamsError)
+    session = create_session(tmp_path / "s", definition, who="ann", initial=initial)
+    session.manual("ann", {"values": [1000000.75, 0.45]})
+    served = Served(session.store.directory)
+    try:
+        with Browser(tmp_path / "profile") as browser:
+            browser.open(served.address)
+            wait_for(lambda: browser.text("#title").startswith("Trial"), "the running trial")
+            assert browser.text("#values").split("\n") == ["a = 1000000.75", "b = 0.45"]
     finally:
         served.stop()
 

@@ -77,6 +77,17 @@ def test_steps_are_limited_from_the_last_delivered(make_session: Make) -> None:
     session.manual("ann", {"values": [0.49, 0.5, 0.0]})  # from home again
 
 
+def test_a_suggestion_is_approved_within_the_limits_of_the_moment(make_session: Make) -> None:
+    """They were checked when it was made; whatever has happened since, they are again."""
+    session = make_session()
+    number = session.suggest("ann").number
+    inputs = [i.model_copy(update={"upper": i.lower, "home": i.lower}) for i in session.definition.inputs]  # type: ignore[union-attr]
+    session.space.tighten(session.definition.model_copy(update={"inputs": inputs}))
+    with pytest.raises(LimitError, match="permitted now"):
+        session.approve("ann", number)
+    assert session.entries[-1].kind == "suggested"
+
+
 def test_a_trial_that_was_not_delivered_moves_nothing(make_session: Make) -> None:
     session = make_session()
     session.manual("ann", {"values": [0.8, 0.5, 0.0]})

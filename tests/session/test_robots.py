@@ -12,9 +12,11 @@ from hdsafebo.errors import ParamsError
 from hdsafebo.files.yaml import write_mapping
 from hdsafebo.optimizers.local.constrained.search import ConstrainedSearch
 from hdsafebo.session.create import create_session
+from hdsafebo.session.definition import parse_definition
 from hdsafebo.session.errors import DefinitionError, ExpiredError, LimitError, ProtocolError
 from hdsafebo.session.log.state import LoggedTrial
 from hdsafebo.session.session import Session
+from hdsafebo.session.spaces.generic import GenericSpace
 from hdsafebo.session.spaces.space import Report
 from hdsafebo.session.views.audit import replay, verify_session
 from hdsafebo.session.views.report import write_report
@@ -207,3 +209,47 @@ def test_malformed_files_are_refused_by_name(tmp_path: Path, change: dict[str, A
     write_mapping(definition, without_steps(**change), ParamsError)
     with pytest.raises(DefinitionError, match=message):
         create_session(tmp_path / "s", definition, who="ann", initial=initial)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "max_step"),
+    [
+        (0.0, 1.0, None),
+        (1e6, 1e6 + 1.0, None),
+        (-273.15, -273.05, None),
+        (0.0, 1e6, 1e-3),
+        (1e-9, 3e-9, None),
+        (1.0, 1.0 + 2**-52, None),
+        (0.0, 1.0, 5e-324),
+        (5.0, 5.0, None),
+    ],
+)
+def test_who_sets_what_is_shown_delivers_what_was_judged(
+    lower: float, upper: float, max_step: float | None
+) -> None:
+    """Six digits of a value between 1,000,000 and 1,000,001 are those of another trial."""
+    steps = {} if max_step is None else {"max_step": max_step, "home": upper}
+    entry: dict[str, Any] = {"name": "x", "lower": lower, "upper": upper, **steps}
+    space = GenericSpace(parse_definition(box_definition() | {"inputs": [entry]}))  # type: ignore[arg-type]
+    span = upper - lower if max_step is None else max_step
+    for share in (0.0, 0.123456789012, 2 / 3, 1.0):
+        value = lower + share * span
+        (shown,) = space.parse(space.describe({"values": [value]}), None)["values"]
+        assert abs(shown - value) <= 5e-5 * span
+        assert lower <= shown <= upper
+
+
+def test_what_is_shown_of_a_trial_at_its_limit_keeps_the_limit() -> None:
+    inputs = [{"name": "x", "lower": 0.1234567, "upper": 1.2345678}]
+    space = GenericSpace(parse_definition(box_definition() | {"inputs": inputs}))  # type: ignore[arg-type]
+    assert space.describe({"values": [1.2345678]}) == "x=1.2345678"
+    assert space.describe({"values": [0.1234567]}) == "x=0.123457"
+    assert space.describe({"values": [1.2345671]}) == "x=1.2345671"
+    assert space.describe({"values": [0.7]}) == "x=0.7"
+
+
+def test_what_a_value_is_refused_for_can_be_seen() -> None:
+    inputs = [{"name": "x", "lower": 1e6, "upper": 1e6 + 0.5}]
+    space = GenericSpace(parse_definition(box_definition() | {"inputs": inputs}))  # type: ignore[arg-type]
+    (said,) = space.breaches({"values": [1e6 + 0.7]}, None)
+    assert said == "x is 1000000.7, permitted now 1000000 to 1000000.5"

@@ -144,6 +144,8 @@ def _require_database(path: Path) -> None:
         with closing(sqlite3.connect(path)) as connection:
             connection.execute("PRAGMA schema_version")
     except (OSError, sqlite3.Error) as error:
+        if getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_BUSY:
+            raise StoreError(f"{path}: another program has locked it") from None
         raise StoreError(
             f"{path}: no store of MLflow: {error}; move it away, and the next stage begins a new store"
         ) from None

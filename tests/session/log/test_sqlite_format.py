@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hdsafebo.session.errors import AuditError, SessionError
-from hdsafebo.session.log.sqlite_format import FILE_NAME
+from hdsafebo.session.log.sqlite_format import FILE_NAME, MAX_BYTES, MAX_WAL_BYTES
 from hdsafebo.session.session import Session
 from hdsafebo.session.views.audit import replay, verify_session
 from tests.session.small import approve_open, measured
@@ -104,6 +106,70 @@ def test_foreign_databases_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / FILE_NAME).write_bytes(content)
     with pytest.raises(SessionError, match=FILE_NAME):
         Session.open(tmp_path)
+
+
+@pytest.fixture
+def unread(former: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """One whose database may neither be copied nor be opened by SQLite."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("read")
+
+    monkeypatch.setattr(shutil, "copyfile", refuse)
+    monkeypatch.setattr(sqlite3, "connect", refuse)
+    return former
+
+
+@pytest.mark.parametrize("read_only", [False, True])
+@pytest.mark.parametrize("size", [8 * 2**30, 2**40])
+@pytest.mark.parametrize("begins", [b"", b"SQLite format 3\0", b"whole"])
+def test_a_sparse_file_of_any_size_is_refused_by_its_header(
+    unread: Path, begins: bytes, size: int, read_only: bool
+) -> None:
+    path = unread / FILE_NAME
+    if begins != b"whole":
+        path.write_bytes(begins)
+    os.truncate(path, size)
+    with pytest.raises(SessionError, match=FILE_NAME):
+        Session.open(unread, read_only=read_only)
+    assert path.stat().st_size == size
+
+
+def test_a_header_that_claims_more_than_any_session_had_is_refused(unread: Path) -> None:
+    path = unread / FILE_NAME
+    with path.open("r+b") as file:
+        file.seek(28)
+        file.write((2**31).to_bytes(4))
+    os.truncate(path, MAX_BYTES + 1)
+    with pytest.raises(SessionError, match=f"expected at most {MAX_BYTES}"):
+        Session.open(unread)
+
+
+def test_a_write_ahead_log_larger_than_any_was_is_refused_unread(unread: Path) -> None:
+    wal = unread / f"{FILE_NAME}-wal"
+    wal.touch()
+    os.truncate(wal, MAX_WAL_BYTES + 1)
+    with pytest.raises(SessionError, match=f"{wal.name}.*expected at most {MAX_WAL_BYTES}"):
+        Session.open(unread)
+
+
+@pytest.mark.parametrize("page", [0, 2, 513, 3 * 2**9, 2**17, 2**32 - 1])
+def test_a_write_ahead_log_whose_header_tells_no_page_size_is_damaged(former: Path, page: int) -> None:
+    """The header has a valid checksum; a page of 4 GiB would be read into memory."""
+    head = struct.pack(">6I", 0x377F0683, 3007000, page, 0, 1, 2)
+    first = second = 0
+    for a, b in struct.iter_unpack(">2I", head):
+        first = (first + a + second) % 2**32
+        second = (second + b + first) % 2**32
+    (former / f"{FILE_NAME}-wal").write_bytes(head + struct.pack(">2I", first, second) + b"x" * 8000)
+    with pytest.raises(AuditError, match="damaged"):
+        Session.open(former)
+
+
+def test_the_database_is_read_where_its_folder_has_any_name(former: Path) -> None:
+    """Its address is one in which some signs mean something else."""
+    odd = former.rename(former.with_name("a?mode=rw#b%41 \N{LATIN SMALL LETTER E WITH ACUTE}"))
+    assert Session.open(odd).entries[-2].hash == HEADS[former.name]
 
 
 def test_a_view_in_the_place_of_the_log_is_not_computed(tmp_path: Path) -> None:

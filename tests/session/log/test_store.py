@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from hdsafebo.session.errors import AuditError, ProtocolError, SessionError
+from hdsafebo.session.log import layout
 from hdsafebo.session.log.chain import Entry, canonical, read_log, write_rows
 from hdsafebo.session.log.copies import read_copies
 from hdsafebo.session.log.layout import log_paths
@@ -359,6 +360,29 @@ def test_a_step_that_fails_anywhere_is_whole_or_nothing(
             again.resume("ann")
         assert verdict(directory) == ""
         good = hashes(again)
+
+
+def test_a_step_that_only_one_copy_could_take_is_in_neither(
+    worked: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The person is told that nothing was recorded; a row that is whole in one copy would count."""
+    paths = log_paths(worked.store.directory)
+    before = [path.read_bytes() for path in paths]
+    real, files = layout.append_durably, []
+
+    def second_is_full(file: int, end: int, data: bytes) -> None:
+        files.append(file)
+        if len(files) == 2:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(file, end, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(layout, "append_durably", second_is_full)
+        with pytest.raises(SessionError, match="nothing was recorded"):
+            worked.note("ann", "refused")
+    assert len(files) == 2
+    assert [path.read_bytes() for path in paths] == before
+    assert hashes(Session.open(worked.store.directory)) == hashes(worked)
 
 
 @pytest.fixture

@@ -25,13 +25,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hdsafebo.errors import NoSafePointError
 from hdsafebo.files.bounded import read_bytes
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.session.advice.informed import informed_optimizer, results_of
 from hdsafebo.session.advice.methods import load_method
+from hdsafebo.session.advice.one_thread import one_thread
 from hdsafebo.session.advice.search import Search
 from hdsafebo.session.definition import Definition, parse_definition
 from hdsafebo.session.log.chain import Entry
@@ -45,7 +45,6 @@ _NOTHING_KNOWN = (
     "no trial with a result is known yet; begin with a trial of your own (manual) and record it, or make the "
     "session with initial trials"
 )
-_one_thread = threadpool_limits.wrap(limits=1)  # the order of sums, and so the last digit, depends on threads
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ class Advisor:
         advisor._optimizer = advisor._load(after)
         return advisor
 
-    @_one_thread
+    @one_thread()
     def follow(self, entries: Iterable[Entry]) -> None:
         """Bring the optimiser forward by the next entries of the log."""
         for entry in entries:
@@ -132,7 +131,7 @@ class Advisor:
             elif entry.kind == "recorded":
                 self._learn(self.state.trials[entry.payload["trial"] - 1])
 
-    @_one_thread
+    @one_thread()
     def advise(self) -> Advice:
         """Ask the optimiser for the next trial; `follow` its `suggested` entry next, or `withdraw` it.
 
@@ -187,7 +186,7 @@ class Advisor:
             self._optimizer = self._load(self._asked.before)
             self._asked = None
 
-    @_one_thread
+    @one_thread()
     def believe(self, points: Sequence[Point]) -> list[dict[str, Any]]:
         """What the model believes of any points; nothing while there is nothing to believe from."""
         optimizer = self._require()

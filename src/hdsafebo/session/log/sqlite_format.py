@@ -1,24 +1,27 @@
 """Sessions of the former format, one SQLite file: read once, checked, and written in the present format.
 
-What was `session.db` is kept as `session.db.converted`. Nothing of the database is trusted: its tables must
-be exactly those that sessions had, every entry proves itself by its hash, and the write-ahead log, whose
-damaged end SQLite drops in silence, is checked frame by frame.
+What was `session.db` is kept as `session.db.converted`. Nothing of the database is trusted: it must be as
+long as its header says, its tables must be exactly those that sessions had, every entry proves itself by its
+hash, and the write-ahead log, whose damaged end SQLite drops in silence, is checked frame by frame.
 """
 
 from __future__ import annotations
 
 import atexit
 import hashlib
+import os
 import shutil
 import sqlite3
 import struct
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import BinaryIO
 
-from hdsafebo.files.bounded import read_bytes
+from hdsafebo.files.bounded import open_regular
 from hdsafebo.session.errors import AuditError, SessionError
 from hdsafebo.session.log.cache import Cache
 from hdsafebo.session.log.chain import Entry, follow_on, read_row, seal
@@ -26,7 +29,14 @@ from hdsafebo.session.log.layout import log_paths, referenced, write_session
 
 FILE_NAME = "session.db"
 MAX_BYTES = 8 * 2**30
+MAX_WAL_BYTES = 2 * 2**30  # it grew to the largest step, which kept an embedding of up to 2**30 bytes
 _SIDE_FILES = ("", "-wal", "-shm")
+_MAGIC = b"SQLite format 3\0"
+_HEADER_BYTES = 100
+_WAL_HEADER_BYTES, _FRAME_HEADER_BYTES = 32, 24
+_WAL_MAGIC = (0x377F0682, 0x377F0683)
+_PAGE_SIZES = tuple(2**k for k in range(9, 17))
+_CHUNK = 2**20
 _APPLICATION = 0x48445342  # marked a file as a session's in SQLite's header
 _VERSION = 1
 _CACHED = ("optimiser before", "optimiser after")
@@ -73,7 +83,7 @@ def converted(directory: Path, clock: Callable[[], datetime], *, in_place: bool)
     if not is_sqlite_session(directory):
         return directory  # another process was faster
     with tempfile.TemporaryDirectory() as folder:
-        entries, files, cached = _read(_copied(directory, Path(folder)), directory / FILE_NAME)
+        entries, files, cached = _read(directory / FILE_NAME, Path(folder))
     if not entries:
         raise SessionError(f"{directory}: making this session was interrupted; make it again with `new`")
     last = entries[-1]
@@ -91,41 +101,69 @@ def converted(directory: Path, clock: Callable[[], datetime], *, in_place: bool)
     return root
 
 
-def _copied(directory: Path, folder: Path) -> Path:
-    """A copy of the database: SQLite writes even where it only reads."""
-    for end in _SIDE_FILES[:2]:
-        source = directory / f"{FILE_NAME}{end}"
-        if source.is_file():
-            if source.stat().st_size > MAX_BYTES:
-                raise SessionError(f"{source}: {source.stat().st_size} bytes, expected at most {MAX_BYTES}")
-            shutil.copyfile(source, folder / source.name)
-    return folder / FILE_NAME
-
-
-def _read(path: Path, source: Path) -> tuple[list[Entry], dict[str, bytes], tuple[int, bytes, bytes] | None]:
+def _read(path: Path, folder: Path) -> tuple[list[Entry], dict[str, bytes], tuple[int, bytes, bytes] | None]:
     """Entries, files by digest, and the cached states with the number of the last entry they know."""
-    lost = _frames_after_damage(path.with_name(f"{FILE_NAME}-wal"))
+    wal = path.with_name(f"{path.name}-wal")
+    followed = wal.is_file() and _is_written(wal)
+    _check_size(path, wal.stat().st_size if followed else 0)
+    lost = _frames_after_damage(wal) if followed else 0
     if lost:
         raise AuditError(
-            f"{source}-wal: damaged: {lost} frames cannot be read, and the steps in them may be lost. "
-            f"Restore {source.name} and {source.name}-wal from a backup. To go on with the steps before the "
-            f"damage, keep copies of both and run: sqlite3 {source.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+            f"{wal}: damaged: {lost} frames cannot be read, and the steps in them may be lost. "
+            f"Restore {path.name} and {wal.name} from a backup. To go on with the steps before the "
+            f"damage, keep copies of both and run: sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
         )
     try:
-        database = sqlite3.connect(path)
-        try:
-            _check_schema(database, source)
-            entries = _entries(database, source)
-            files = {digest: _file(database, digest, source) for digest in referenced(entries)}
+        with closing(_connected(path, wal if followed else None, folder)) as database:
+            _check_schema(database, path)
+            entries = _entries(database, path)
+            files = {digest: _file(database, digest, path) for digest in referenced(entries)}
             cached = _cached(database)
             found = database.execute("PRAGMA integrity_check").fetchone()[0]
-        finally:
-            database.close()
     except sqlite3.Error as error:
-        raise AuditError(f"{source}: damaged: {error}") from None
+        raise AuditError(f"{path}: damaged: {error}") from None
     if found != "ok":
-        raise AuditError(f"{source}: damaged: {found}")
+        raise AuditError(f"{path}: damaged: {found}")
     return entries, files, cached
+
+
+def _check_size(path: Path, wal_bytes: int) -> None:
+    """SessionError for a file that is no database, or longer than one; none of it but its header is read.
+
+    A program that was killed while it took pages over from the write-ahead log may have left more of them
+    than the header counts, but no more than that log holds.
+
+    Args:
+        path: of the database.
+        wal_bytes: size of its write-ahead log.
+    """
+    with open_regular(path) as file:
+        header, size = file.read(_HEADER_BYTES), os.fstat(file.fileno()).st_size
+    if len(header) < _HEADER_BYTES or not header.startswith(_MAGIC):
+        raise SessionError(f"{path}: no session of the former format")
+    most = min(_page_bytes(header[16:18]) * int.from_bytes(header[28:32]) + wal_bytes, MAX_BYTES)
+    if size > most:
+        raise SessionError(f"{path}: {size} bytes, expected at most {most}")
+
+
+def _page_bytes(stored: bytes) -> int:
+    """Size of a page as headers have it: 65,536, which does not fit into two bytes, stands there as 1."""
+    return 65536 if int.from_bytes(stored) == 1 else int.from_bytes(stored)
+
+
+def _connected(path: Path, wal: Path | None, folder: Path) -> sqlite3.Connection:
+    """The database, open for reading; copied where it has a write-ahead log, which SQLite reads by writing.
+
+    Args:
+        path: of the database.
+        wal: its write-ahead log; None without one.
+        folder: for the copy.
+    """
+    if wal is None:
+        return sqlite3.connect(f"{path.resolve().as_uri()}?immutable=1", uri=True)
+    for source in (path, wal):
+        shutil.copyfile(source, folder / source.name)
+    return sqlite3.connect(folder / path.name)
 
 
 def _check_schema(database: sqlite3.Connection, source: Path) -> None:
@@ -178,6 +216,21 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
+def _is_written(wal: Path) -> bool:
+    """Whether a write-ahead log holds anything but zeros; SessionError when it is larger than any was."""
+    with open_regular(wal) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > MAX_WAL_BYTES:
+            raise SessionError(f"{wal}: {size} bytes, expected at most {MAX_WAL_BYTES}")
+        return any(chunk.strip(b"\0") for chunk in _pieces(file, _CHUNK))
+
+
+def _pieces(file: BinaryIO, size: int) -> Iterator[bytes]:
+    """The rest of a file in pieces of a size; the last one may be shorter."""
+    while piece := file.read(size):
+        yield piece
+
+
 def _frames_after_damage(wal: Path) -> int:
     """Frames of a write-ahead log that SQLite would drop in silence though they belong to its last run.
 
@@ -186,25 +239,24 @@ def _frames_after_damage(wal: Path) -> int:
     frame with the header's salts and a wrong checksum, and all behind it, cannot be told from an
     acknowledged step that was damaged.
     """
-    content = read_bytes(wal) if wal.exists() else b""
-    if not content.strip(b"\0"):
-        return 0
-    if len(content) < 32:
-        return 1
-    magic, _, page, _, *_ = struct.unpack(">8I", content[:32])
-    order = ">" if magic & 1 else "<"
-    size = 24 + (65536 if page == 1 else page)
-    salts = content[16:24]
-    state = _checksum(content[:24], (0, 0), order)
-    if magic not in (0x377F0682, 0x377F0683) or state != struct.unpack(">2I", content[24:32]) or size <= 24:
-        return max(1, len(content) // 4096)
-    frames = [content[i : i + size] for i in range(32, len(content), size)]
-    for number, frame in enumerate(frames):
-        if len(frame) < size:
-            return 0 if frame[8:16] != salts[: len(frame[8:16])] or len(frame) < 16 else 1
-        state = _checksum(frame[:8] + frame[24:], state, order)
-        if frame[8:16] != salts or state != struct.unpack(">2I", frame[16:24]):
-            return sum(f[8:16] == salts for f in frames[number:]) or int(_half_salted(frame, salts))
+    with open_regular(wal) as file:
+        header = file.read(_WAL_HEADER_BYTES)
+        if len(header) < _WAL_HEADER_BYTES:
+            return 1
+        magic, page, salts = int.from_bytes(header[:4]), _page_bytes(header[8:12]), header[16:24]
+        order = ">" if magic & 1 else "<"
+        state = _checksum(header[:24], (0, 0), order)
+        if magic not in _WAL_MAGIC or page not in _PAGE_SIZES or state != struct.unpack(">2I", header[24:]):
+            return max(1, os.fstat(file.fileno()).st_size // 4096)
+        size = _FRAME_HEADER_BYTES + page
+        frames = _pieces(file, size)
+        for frame in frames:
+            if len(frame) < size:
+                return 0 if frame[8:16] != salts[: len(frame[8:16])] or len(frame) < 16 else 1
+            state = _checksum(frame[:8] + frame[_FRAME_HEADER_BYTES:], state, order)
+            if frame[8:16] != salts or state != struct.unpack(">2I", frame[16:24]):
+                own = (frame[8:16] == salts) + sum(f[8:16] == salts for f in frames)
+                return own or int(_half_salted(frame, salts))
     return 0
 
 

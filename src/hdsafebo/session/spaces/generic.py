@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -25,6 +26,7 @@ from hdsafebo.session.spaces.space import (
 from hdsafebo.session.words import parse_assignments
 from hdsafebo.typing import FloatArray
 
+_FEWEST, _EVERY = 6, 17  # significant digits that are shown; 17 tell every float from its neighbours
 _ROUNDING = 1e-9  # relative to the width of what is permitted: a step of 0.7 + 0.1 must not miss 0.8
 _LAST_DIGITS = 8 * np.finfo(float).eps  # relative to the largest number that a point is calculated from
 
@@ -63,6 +65,9 @@ class GenericSpace(Space):
         self._max_step = np.array([np.inf if i.max_step is None else i.max_step for i in definition.inputs])
         self.steps = bool(np.isfinite(self._max_step).any())
         self._home = np.array([i.lower if i.home is None else i.home for i in definition.inputs])
+        largest = np.maximum(np.abs(self.lower), np.abs(self.upper))
+        span = np.minimum(self._highest - self._lowest, self._max_step)
+        self._digits = [_digits(*pair) for pair in zip(largest.tolist(), span.tolist(), strict=True)]
 
     def point(self, data: Mapping[str, Any]) -> Point:
         """One number per input; see `Space.point`."""
@@ -96,15 +101,16 @@ class GenericSpace(Space):
         slack = self._slack(low, high)
         foreign = self.rows is not None and tuple(point["values"]) not in self.rows
         return [f"it is none of the {len(self.rows or ())} rows of the list"] * foreign + [
-            f"{name} is {value:g}, permitted now {a:g} to {b:g}"
-            for name, value, a, b, s in zip(self.inputs, point["values"], low, high, slack, strict=True)
+            f"{name} is {value:.{digits}g}, permitted now {a:.{digits}g} to {b:.{digits}g}"
+            for name, value, a, b, s, digits in zip(
+                self.inputs, point["values"], low, high, slack, self._digits, strict=True
+            )
             if not a - s <= value <= b + s
         ]
 
     def describe(self, point: Point) -> str:
         """Such as `speed=1.2 gain=0.4`, every input; of a list in full, so that the text names the row."""
-        digits = ".6g" if self.rows is None else ""
-        return " ".join(f"{n}={v:{digits}}" for n, v in zip(self.inputs, point["values"], strict=True))
+        return " ".join(f"{n}={self._shown(j, point['values'][j])}" for j, n in enumerate(self.inputs))
 
     def parse(self, text: str, base: Point | None) -> Point:
         """`NAME=VALUE` for each input; see `Space.parse`."""
@@ -189,6 +195,12 @@ class GenericSpace(Space):
             )
         return trials
 
+    def _shown(self, j: int, value: float) -> str:
+        """A value of input j as people read and set it; in full where rounding would pass a hard limit."""
+        text, low, high = f"{value:.{self._digits[j]}g}", self._lowest[j], self._highest[j]
+        passes = low <= value <= high and not low <= float(text) <= high
+        return f"{value}" if passes or self.rows is not None else text
+
     def _slack(self, low: FloatArray, high: FloatArray) -> FloatArray:
         """(D,) by how much rounding may pass the ends of what is permitted now.
 
@@ -213,3 +225,18 @@ class GenericSpace(Space):
 def _column(definition: GenericDefinition, key: str) -> FloatArray:
     """(D,) one number of every input."""
     return np.array([getattr(i, key) for i in definition.inputs], float)
+
+
+def _digits(largest: float, span: float) -> int:
+    """Significant digits that values are shown with.
+
+    Six tell them apart in most ranges; in a narrow one far from 0, or where steps are small, the value that
+    is shown would be another one than was judged.
+
+    Args:
+        largest: size of the largest value.
+        span: of what is permitted at once.
+    """
+    ratio = 1.0 if span == 0.0 else largest / span
+    more = math.log10(max(ratio, 1.0))
+    return _EVERY if more > _EVERY - _FEWEST else _FEWEST + round(more)

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.session.advice.days import day_deviation, fit_days
 from hdsafebo.session.advice.informed import MOST_FITTED, kernel_inputs, new_optimizer
+from hdsafebo.session.advice.one_thread import one_thread
 from hdsafebo.session.log.state import LoggedTrial
 from hdsafebo.session.session import Session
 from hdsafebo.typing import FloatArray, IntArray
@@ -35,7 +35,7 @@ class Believed:
     deviation: float
 
 
-@threadpool_limits.wrap(limits=1)
+@one_thread()
 def believed_best(
     session: Session, targets: Sequence[str] | None = None, *, initial: bool = False
 ) -> dict[str, Believed]:

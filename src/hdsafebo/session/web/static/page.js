@@ -119,7 +119,7 @@ function showNow() {
   const running = seen.running.find((t) => t.number === recording) || (full || stopped !== null ? seen.running[0] : undefined);
   shownTrial = running;
   const buttons = [];
-  let point = null, belief = null, title = "Ready";
+  let point = null, words = "", belief = null, title = "Ready";
   byId("record").hidden = !running;
   byId("reason-row").hidden = true;
   if (editing && (stopped !== null || full || (suggestion && suggestion.number) !== editing.suggestion)) {
@@ -136,6 +136,7 @@ function showNow() {
   } else if (running) {
     title = `Trial ${running.number} (${running.origin}): deliver, then record`;
     point = running.point;
+    words = running.text;
     belief = running.belief;
     showEntries();
     buttons.push(["Record", "approve", record]);
@@ -143,6 +144,7 @@ function showNow() {
   } else if (suggestion) {
     title = `Suggestion ${suggestion.number} for ${suggestion.target}`;
     point = suggestion.point;
+    words = suggestion.text;
     belief = suggestion.belief;
     const number = { suggestion: suggestion.number };
     buttons.push(["Approve", "approve", () => send("approve", number)]);
@@ -159,7 +161,7 @@ function showNow() {
     if (running && !full && stopped === null) buttons.push(["Back", "plain", () => { recording = 0; showNow(); }]);
   }
   byId("title").textContent = title;
-  showPoint(point);
+  showPoint(point, words);
   fill(byId("buttons"), buttons.map(([text, kind, act]) => {
     const button = element("button", text, kind);
     button.dataset.step = text;
@@ -205,7 +207,8 @@ function startPoint() {
   return seen.kind === "stimulation" ? { polarity: Array(16).fill(0), current_ma: 0 } : { values: seen.inputs.map(() => 0) };
 }
 
-function showPoint(point) {
+// The words are the server's, with as many digits as tell the values apart within what is permitted.
+function showPoint(point, words = "") {
   fill(byId("paddle"), []);
   fill(byId("values"), []);
   if (!point) return;
@@ -216,7 +219,7 @@ function showPoint(point) {
   } else if (editing) {
     seen.inputs.forEach((name, i) => byId("values").append(number(name, point.values[i], (v) => { point.values[i] = v; })));
   } else {
-    seen.inputs.forEach((name, i) => byId("values").append(element("div", `${name} = ${Number(point.values[i].toPrecision(6))}`)));
+    for (const word of words.split(" ")) byId("values").append(element("div", word.replace(/=([^=]*)$/, " = $1")));
   }
 }
 
