@@ -143,12 +143,13 @@ def test_a_killed_worker_changes_nothing(
 
 
 CAMPAIGN = """
-import sys
+import signal, sys
 from pathlib import Path
 import campaign_items, campaign_toys
 import hdsafebo.campaign.item as item
 item.run = campaign_toys.run_toy
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # who runs tests in the background ignores it
     campaign_items.compute(Path(sys.argv[1]), seconds=0.02, where={"workers": 2})
 """
 
