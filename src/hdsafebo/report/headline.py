@@ -7,17 +7,22 @@ from collections import Counter
 from pathlib import Path
 from statistics import mean
 
+import numpy as np
+
 from hdsafebo.files.bounded import read_text
 from hdsafebo.report.claims.base import OWN_LABELS, STATUS_LABELS, Claim
 from hdsafebo.report.claims.own import own_claims
 from hdsafebo.report.claims.paper import paper_claims
+from hdsafebo.report.data.body_inputs import REFLEX, BodyPolicies
 from hdsafebo.report.data.evidence import INPUTS, RUNS
 from hdsafebo.report.data.inputs import read_inputs
 from hdsafebo.report.data.kept import KeptRuns, read_kept
 from hdsafebo.report.data.methods import task_label
 from hdsafebo.report.data.outside import OUTSIDE, is_close, outside_label, read_outside
+from hdsafebo.report.tables.body import standings
 
 LOCAL, PAPER = "hdsafebo_local", "hdsafebo"
+_BODY = "body"
 _BENCHMARKS = Path("reports/reference/benchmarks")
 
 
@@ -104,9 +109,29 @@ def _runs(evidence: Path) -> list[tuple[str, str, str]]:
     claims = paper_claims(kept.results, inputs.isometry, inputs.stimulation)
     counts = Counter(STATUS_LABELS[next(iter(c.verdicts.values())).status] for c in claims)
     return [
+        *_body(kept, inputs.body.played),
         _progress(kept),
         *_own(own_claims(kept.results, kept.planned), link),
         (asked, ", ".join(f"{label}: {n}" for label, n in counts.items()), link),
+    ]
+
+
+def _body(kept: KeptRuns, played: BodyPolicies | None) -> list[tuple[str, str, str]]:
+    """How safe the trials on the whole body were, and for how long its best policies stand."""
+    stood = {one.method: one for one in standings(played)} if played is not None else {}
+    if played is None or not {LOCAL, REFLEX} <= stood.keys() or (_BODY, LOCAL) not in kept.results.runs:
+        return []
+    learnt, reflex = stood[LOCAL], stood[REFLEX]
+    shortest, before = (float(np.median(one.seconds.min(axis=1))) for one in (learnt, reflex))
+    safe = kept.results.estimate(_BODY, LOCAL, "safety").mean
+    return [
+        (
+            f"Does a whole body of 416 muscles stay up for {played.horizon_s:g} s after a push?",
+            f"{learnt.whole} of {learnt.seeds} policies of `{LOCAL}` did after all {len(played.pushes)} "
+            f"pushes (median of the shortest times {shortest:.1f} s, of reflexes {before:.1f} s); "
+            f"{100 * safe:.0f} % of its trials were safe",
+            "[results](docs/reproduction/results.md)",
+        )
     ]
 
 
