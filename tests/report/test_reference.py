@@ -246,11 +246,29 @@ def test_the_first_screen_says_how_much_has_been_run(project: Path) -> None:
     evidence = reference(project)
     kept = read_kept(evidence)
     assert kept is not None
-    answer = _runs(evidence)[0][1]
+    rows = {asked.split("?")[0]: answer for asked, answer, _ in _runs(evidence)}
+    answer = rows["What of the comparison has been run"]
     counted = {name: (int(n), int(of)) for name, n, of in re.findall(r"(\w+): (\d+) of (\d+)", answer)}
     assert sum(n for n, _ in counted.values()) == len(kept.results.runs) > 0
     assert sum(of for _, of in counted.values()) == len(kept.planned)
     assert {task.split("_")[0].replace("scs", "stimulation") for task, _ in kept.planned} == counted.keys()
+    body = next(answer for asked, answer in rows.items() if asked.startswith("Does a whole body"))
+    share = 100 * kept.results.estimate("body", "hdsafebo_local", "safety").mean
+    assert body.endswith(f"{share:.0f} % of its trials were safe")
+
+
+def test_a_task_of_one_method_has_no_table_of_pairs(project: Path, tmp_path: Path) -> None:
+    """A table without rows would be a file that no program reads."""
+    evidence = tmp_path / "evidence"
+    shutil.copytree(reference(project), evidence)
+    others = [p for p in (evidence / "runs").glob("body-*") if p.stem != "body-hdsafebo_local"]
+    assert others
+    for path in others:
+        path.unlink()
+    report_from(evidence, tmp_path / "report")
+    tables = {path.stem: pd.read_csv(path) for path in (tmp_path / "report/tables").glob("*.csv")}
+    assert "metrics_body" in tables
+    assert "comparisons_body" not in tables
 
 
 def test_tasks_are_named_by_the_verdict_on_this_projects_method() -> None:

@@ -46,6 +46,7 @@ def task_blocks(results: Results, task: str) -> list[Block]:
         "Mean ± standard error over runs; the paper's numbers in small type. Bold: significantly better "
         "than every other method of the table."
     )
+    pairs = comparison_table(results, task, methods)  # none, where one method alone has run
     return [
         size_sentence(results, task, methods),
         *given_blocks(results, task, methods),
@@ -54,7 +55,7 @@ def task_blocks(results: Results, task: str) -> list[Block]:
         final_figure(results, task, methods),
         metrics_table(results, task, methods, f"{task_label(task)}. {caption}", f"metrics_{task}"),
         *curve_figures(results, task, methods),
-        Details("Paired comparisons", comparison_table(results, task, methods)),
+        *([Details("Paired comparisons", pairs)] if pairs.rows else []),
     ]
 
 
