@@ -92,7 +92,7 @@ def _in_processes(
     """Run on a pool; jobs that a dying worker takes along are submitted once more, to a new pool."""
     lost = list(items)
     for attempt in ("first", "second"):
-        with _one_thread_each(), _pool(min(workers, len(lost))) as pool:
+        with loading_with_one_thread(), _pool(min(workers, len(lost))) as pool:
             lost = collect(pool, function, lost, on_result, watcher)
         if not lost:
             return
@@ -129,8 +129,8 @@ def _end_with_parent() -> None:
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Have processes that start within the block load their numerical libraries with one thread."""
+def loading_with_one_thread() -> Iterator[None]:
+    """Libraries that are loaded within the block, also by processes that start there, take one thread."""
     before = {variable: os.environ.get(variable) for variable in _THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
     try:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from threading import RLock
 
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-_LOADING = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")  # what torch looks at when it is loaded
+from hdsafebo.campaign.executor import loading_with_one_thread
+
 _TURN = RLock()  # numbers of threads are the process's: who is done first must not give them back to others
 
 
@@ -21,29 +21,9 @@ def one_thread() -> Iterator[None]:
     Also in torch, which counts its own, and which some methods load only when they propose; it then goes on
     with one.
     """
-    with _TURN, threadpool_limits(1), _loaded_with_one():
-        torch = sys.modules.get("torch")
-        if torch is None:
-            yield
-            return
-        before = torch.get_num_threads()
-        torch.set_num_threads(1)
-        try:
-            yield
-        finally:
-            torch.set_num_threads(before)
+    with _TURN, threadpool_limits(1), loading_with_one_thread(), ExitStack() as stack:
+        if "torch" in sys.modules:
+            from hdsafebo.embeddings.training.loop import one_torch_thread
 
-
-@contextmanager
-def _loaded_with_one() -> Iterator[None]:
-    """Have libraries that are loaded within the block take one thread."""
-    before = {variable: os.environ.get(variable) for variable in _LOADING}
-    os.environ.update(dict.fromkeys(_LOADING, "1"))
-    try:
+            stack.enter_context(one_torch_thread())
         yield
-    finally:
-        for variable, value in before.items():
-            if value is None:
-                del os.environ[variable]
-            else:
-                os.environ[variable] = value
