@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from hdsafebo.errors import ParamsError
@@ -126,27 +127,6 @@ def test_a_failing_stage_is_a_failed_run(project: Path) -> None:
 
 
 @pytest.mark.usefixtures("local_store")
-def test_a_run_that_was_cut_ends_as_killed_when_its_stage_runs_again(project: Path) -> None:
-    from mlflow.tracking import MlflowClient
-
-    code = (
-        "import os, sys; from pathlib import Path; from hdsafebo.pipeline.tracking import Tracker\n"
-        "for stage in ('fit_synergies', 'solve_lead_field'):\n"
-        f"    Tracker(stage, {{}}, Path({str(project)!r})).log_metrics({{'done': 0.5}})\n"
-        "os._exit(1)"  # and then the power fails
-    )
-    subprocess.run([sys.executable, "-c", code], check=False)
-    with track_stage("solve_lead_field", {}, project), track_stage("solve_lead_field", {}, project) as other:
-        other.log_metrics({"done": 1.0})  # side by side, as `dvc exp run --temp` may run them
-    client = MlflowClient(tracking_uri=default_uri(project))
-    runs = client.search_runs([client.get_experiment_by_name("pipeline").experiment_id])
-    assert sorted((run.info.run_name, run.info.status) for run in runs) == [
-        ("fit_synergies", "RUNNING"), ("solve_lead_field", "FINISHED"), ("solve_lead_field", "FINISHED"),
-        ("solve_lead_field", "KILLED"),
-    ]  # fmt: skip
-
-
-@pytest.mark.usefixtures("local_store")
 def test_refused_parameters_leave_no_run(project: Path) -> None:
     from mlflow.tracking import MlflowClient
 
@@ -156,7 +136,10 @@ def test_refused_parameters_leave_no_run(project: Path) -> None:
 
 
 class Broken(http.server.BaseHTTPRequestHandler):
-    """Accepts requests, and answers with an error, never, a byte at a time, or that an hour should pass."""
+    """Accepts requests, and answers with an error, never, a byte at a time, or that an hour should pass.
+
+    Servers that want more than a stage's time are in `test_mirror_process`.
+    """
 
     how = "errors"
 
@@ -175,7 +158,8 @@ class Broken(http.server.BaseHTTPRequestHandler):
                     self.wfile.write(b" ")
                     time.sleep(0.5)
         else:
-            self.send_error(500)
+            with contextlib.suppress(OSError):
+                self.send_error(500)
 
     do_POST = do_GET
 
@@ -198,17 +182,19 @@ def broken_server(request: pytest.FixtureRequest) -> Iterator[str]:
     server.server_close()
 
 
-def test_a_broken_server_costs_one_notice_and_seconds(
+def test_a_broken_server_costs_one_notice_and_leaves_nothing_behind(
     project: Path, broken_server: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("MLFLOW_TRACKING_URI", broken_server)
-    monkeypatch.setattr("hdsafebo.pipeline.store._CALL_S", 15.0)
-    start = time.monotonic()
+    monkeypatch.setattr("hdsafebo.pipeline.store._CALL_S", 3.0)
+    threads = threading.active_count()
     write_stage(project)
-    assert time.monotonic() - start < 25
+    assert not [c for c in psutil.Process().children() if "mlflow_writer" in " ".join(c.cmdline())]
+    assert threading.active_count() <= threads + 2, "no more than those of the server's answers"
     printed = caplog.text
     assert printed.count("NOTICE [optimize]: tracking is off for the rest of this stage") == 1
     assert "secret" not in printed
+    assert all(record.getMessage().isprintable() for record in caplog.records)
     assert not (project / "mlruns.db").exists()
 
 
@@ -220,7 +206,8 @@ def test_a_slow_server_holds_a_stage_for_a_share_of_its_time(
     store = MlflowStore(tmp_path)
     done = []
 
-    def answer_slowly() -> None:
+    def answer_slowly(limit_s: float) -> None:
+        assert 0 < limit_s <= 30
         time.sleep(0.1)
         done.append(True)
 
@@ -228,7 +215,7 @@ def test_a_slow_server_holds_a_stage_for_a_share_of_its_time(
         for _ in range(100):
             store.call(answer_slowly)
 
-    with pytest.raises(StoreError, match="has not answered within"):
+    with pytest.raises(StoreError, match="which is enough"):
         stage()
     assert 1 <= len(done) <= 6
 
@@ -332,18 +319,17 @@ def test_who_finds_a_store_that_another_program_holds_is_not_told_to_move_it_awa
 
 @pytest.mark.usefixtures("local_store")
 def test_a_store_that_breaks_in_mid_stage_costs_one_notice(
-    project: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    project: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    from mlflow.tracking import MlflowClient
-
     with track_stage("optimize", PARAMS, project) as tracker:
         tracker.log_metrics({"a": 1.0})
-        monkeypatch.setattr(MlflowClient, "log_batch", lambda *a, **k: 1 / 0)
+        with contextlib.closing(sqlite3.connect(project / "mlruns.db")) as other:
+            other.execute("DROP TABLE metrics")
         tracker.log_metrics({"b": 1.0})
         tracker.log_metrics({"c": 1.0})
     printed = caplog.text
     assert printed.count("NOTICE") == 1
-    assert "ZeroDivisionError" in printed
+    assert "no such table" in printed
 
 
 def test_tracking_that_is_off_imports_and_writes_nothing(project: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import os
 import sqlite3
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -18,7 +17,7 @@ from hdsafebo.files.bounded import require_regular
 _CALL_S = 30.0  # one call of a server: an upload of some megabytes passes
 _PATIENCE_S = 60.0  # all calls of a stage together ...
 _SHARE = 0.05  # ... and this share of the time that the stage has run
-_LOCK_S = 120.0  # another stage that makes the tables of a new store holds it for some seconds
+_LOCK_S = 120.0  # a call of the local store; making the tables of a new one takes some seconds
 _POLL_S = 0.05
 T = TypeVar("T")
 
@@ -67,15 +66,15 @@ class MlflowStore:
         self._start = time.monotonic()
         self._spent = 0.0
 
-    def call(self, work: Callable[[], T]) -> T:
-        """What `work` returns.
+    def call(self, work: Callable[[float], T]) -> T:
+        """What `work` returns, which is told how many seconds it may take.
 
         Stages write the local store one after the other: SQLite refuses to be written twice at a time, and
         MLflow makes the tables of a new store even while another process makes them.
 
         Raises:
-            StoreError: the store takes too long, or the local store is no database or has a path that cannot
-                be an address.
+            StoreError: a server has taken too long, or the local store is no database or has a path that
+                cannot be an address.
             Exception: what `work` raises.
         """
         if not self.local:
@@ -88,35 +87,18 @@ class MlflowStore:
                 )
         with self._alone():
             _require_database(self._home / "mlruns.db")
-            return work()
+            return work(_LOCK_S)
 
-    def _patiently(self, work: Callable[[], T]) -> T:
-        """Do `work`, and leave it behind when it takes too long.
-
-        A server may send an answer byte by byte, or ask for a retry in an hour: limits of single requests do
-        not bound that.
-        """
+    def _patiently(self, work: Callable[[float], T]) -> T:
+        """Do `work` in what is left of the time that the stage has for its server."""
         start = time.monotonic()
         left = _PATIENCE_S + _SHARE * (start - self._start) - self._spent
-        limit = min(_CALL_S, left)
-        results: list[T] = []
-        errors: list[BaseException] = []
-
-        def do() -> None:
-            try:
-                results.append(work())
-            except BaseException as error:
-                errors.append(error)
-
-        thread = threading.Thread(target=do, daemon=True)
-        thread.start()
-        thread.join(max(limit, 0.0))
-        self._spent += time.monotonic() - start
-        if errors:
-            raise errors[0]
-        if not results:
-            raise StoreError(f"the server has not answered within {max(limit, 0.0):.0f} s")
-        return results[0]
+        if left <= 0:
+            raise StoreError(f"the server has taken {self._spent:.0f} s of the stage, which is enough")
+        try:
+            return work(min(_CALL_S, left))
+        finally:
+            self._spent += time.monotonic() - start
 
     @contextmanager
     def _alone(self) -> Iterator[None]:

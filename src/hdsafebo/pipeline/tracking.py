@@ -1,44 +1,29 @@
 """The MLflow mirror of a stage: a run per stage item, a child run per seed; files stay the truth.
 
-No fault of the mirror may stop the pipeline: the first call that fails turns tracking off for the rest of the
-stage with one notice. MLflow is imported at the first write only (the import takes one to three seconds).
+No fault of the mirror may stop the pipeline, or take its time or memory: the first call that fails turns
+tracking off for the rest of the stage with one notice. MLflow runs in a process of its own, with bounds, that
+is started at the first write only (which takes one to three seconds).
 """
 
 from __future__ import annotations
 
 import logging
 import math
-import os
-import platform
 import re
-import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from hdsafebo.errors import ParamsError
+from hdsafebo.errors import HdSafeBOError, ParamsError
 from hdsafebo.files.yaml import read_mapping
+from hdsafebo.pipeline.mirror_process import MirrorProcess
+from hdsafebo.pipeline.processes import this_process
 from hdsafebo.pipeline.provenance import digest_json, digest_paths, git_state, stage_dependencies
 from hdsafebo.pipeline.store import MlflowStore, home_of
 
-if TYPE_CHECKING:
-    from mlflow.tracking import MlflowClient
-
 PIPELINE_EXPERIMENT = "pipeline"
-_METRICS_PER_BATCH = 1000  # limits of MLflow's log-batch call
-_PARAMS_PER_BATCH = 100
-_PARAM_LENGTH = 6000
 _LOG = logging.getLogger(__name__)
-# An unreachable server must cost seconds, not the minutes of MLflow's default retries.
-_QUIET_AND_QUICK = {
-    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",
-    "MLFLOW_HTTP_REQUEST_TIMEOUT": "5",
-    "MLFLOW_HTTP_REQUEST_BACKOFF_FACTOR": "0",
-    "MLFLOW_LOGGING_LEVEL": "WARNING",
-    "MLFLOW_DISABLE_TELEMETRY": "true",
-}
 
 
 class Tracker:
@@ -61,9 +46,7 @@ class Tracker:
         self._experiment_name = PIPELINE_EXPERIMENT
         self._run_name = stage
         self._item: dict[str, str] = {}
-        self._client: MlflowClient | None = None
-        self._experiment = ""
-        self._run = ""
+        self._process: MirrorProcess | None = None
 
     def place(
         self,
@@ -88,27 +71,19 @@ class Tracker:
 
     def log_params(self, params: Mapping[str, object]) -> None:
         """Add parameters to the run; nested mappings become dotted names."""
-        self._guard(lambda client: self._write_params(client, self._run, params))
+        self._guard(lambda: self._order("log_params", params=_texts(params)))
 
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
         """Add one value of each of some metrics; values that are not finite are left out."""
-        series = {name: [float(value)] for name, value in metrics.items()}
-        self._guard(lambda client: self._write_series(client, self._run, [step or 0], series))
+        self.log_series([step or 0], {name: [value] for name, value in metrics.items()})
 
     def log_series(self, steps: Sequence[int], series: Mapping[str, Sequence[float]]) -> None:
         """Add whole curves, (k,) values at (k,) steps; values that are not finite are left out."""
-        self._guard(lambda client: self._write_series(client, self._run, steps, series))
+        self._guard(lambda: self._order("log_series", **_curves(steps, series)))
 
     def log_artifact(self, path: Path) -> None:
         """Copy a file or a directory to the run's artefacts."""
-
-        def write(client: MlflowClient) -> None:
-            if path.is_dir():
-                client.log_artifacts(self._run, str(path), artifact_path=path.name)
-            else:
-                client.log_artifact(self._run, str(path))
-
-        self._guard(write)
+        self._guard(lambda: self._order("log_artifact", path=str(path.absolute())))
 
     def log_child(
         self,
@@ -125,86 +100,66 @@ class Tracker:
             steps: (k,) horizontal axis of the metrics, for example numbers of trials.
             series: metrics, (k,) values each; values that are not finite are left out.
         """
-
-        def write(client: MlflowClient) -> None:
-            tags = self._tags() | {"mlflow.parentRunId": self._run}
-            child = client.create_run(self._experiment, tags=tags, run_name=name).info.run_id
-            self._write_params(client, child, params)
-            self._write_series(client, child, steps, series)
-            client.set_terminated(child, "FINISHED")
-
-        self._guard(write)
+        self._guard(
+            lambda: self._order(
+                "log_child", name=name, tags=self._tags(), params=_texts(params), **_curves(steps, series)
+            )
+        )
 
     def finish(self, status: str) -> None:
         """Close the run as 'FINISHED' or 'FAILED'; a stage that logged nothing gets its run here."""
-        self._guard(lambda client: client.set_terminated(self._run, status))
+        try:
+            self._guard(lambda: self._order("finish", status=status))
+        finally:
+            self._end_process()
 
     def abandon(self) -> None:
         """Close a run that was begun as 'FAILED'; parameters that are refused at once leave no run."""
-        if self._client is not None:
+        if self._process is not None:
             self.finish("FAILED")
 
-    def _guard(self, write: Callable[[MlflowClient], None]) -> None:
+    def _guard(self, write: Callable[[], None]) -> None:
         """Do `write`; an error of any kind ends the tracking of this stage, and leaves the stage alone."""
         if not self.enabled:
             return
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # deprecations between the mirror's libraries
-                client = self._client or self._begin()
-                self._store.call(lambda: write(client))
-        except Exception as error:  # the mirror's libraries raise anything from OSError to SQLAlchemy's own
+            if self._process is None:
+                self._begin()
+            write()
+        except Exception as error:  # of the store, of files that tags are made of, of what was given
             self.enabled = False
-            reason = " ".join(f"{self._store.uri}: {type(error).__name__}: {error}".split())
-            without_password = re.sub(r"//[^/@\s]*@", "//", reason)[:300]
+            self._end_process()
+            reason = str(error) if isinstance(error, HdSafeBOError) else repr(error)
             _LOG.warning(
                 "NOTICE [%s]: tracking is off for the rest of this stage, its files are not affected: %s",
                 self.stage,
-                without_password,
+                _for_print(f"{self._store.uri}: {reason}"),
             )
 
-    def _begin(self) -> MlflowClient:
-        """Begin the run; the import of MLflow does not count as time that the store takes."""
-        for key, value in _QUIET_AND_QUICK.items():
-            os.environ.setdefault(key, value)
-        from mlflow.tracking import MlflowClient
-
-        def begin() -> MlflowClient:
-            client = MlflowClient(tracking_uri=self._store.uri)  # makes the tables of a new store
-            self._experiment = self._find_experiment(client)
-            if self._store.local:
-                self._close_cut_runs(client)
-            run = client.create_run(self._experiment, tags=self._tags(), run_name=self._run_name)
-            self._run = run.info.run_id
-            self._write_params(client, self._run, self._params)
-            return client
-
-        self._client = self._store.call(begin)
-        return self._client
-
-    def _find_experiment(self, client: MlflowClient) -> str:
-        """Identifier of the experiment; a missing experiment is made."""
-        from mlflow.exceptions import MlflowException
-
-        name = self._experiment_name
-        if (found := client.get_experiment_by_name(name)) is not None:
-            return str(found.experiment_id)
+    def _begin(self) -> None:
+        """Begin the run; loading MLflow does not count as time that the store takes."""
+        self._store.call(lambda _: None)  # what is no store is found out before that
+        self._process = MirrorProcess(self._store.uri)
         # A server decides itself where artefacts go; the local store keeps them in the project.
-        place = (self._home / "mlartifacts" / name).as_uri() if self._store.local else None
-        try:
-            return str(client.create_experiment(name, artifact_location=place))
-        except MlflowException:  # on a server another stage may have made the experiment meanwhile
-            if (found := client.get_experiment_by_name(name)) is None:
-                raise
-            return str(found.experiment_id)
+        place = (self._home / "mlartifacts" / self._experiment_name).as_uri() if self._store.local else None
+        self._order(
+            "begin",
+            experiment=self._experiment_name,
+            artifacts=place,
+            run_name=self._run_name,
+            tags=self._tags(),
+            params=_texts(self._params),
+        )
 
-    def _close_cut_runs(self, client: MlflowClient) -> None:
-        """Earlier runs of this item whose process is gone were killed."""
-        for run in client.search_runs([self._experiment], "attributes.status = 'RUNNING'"):
-            tags = run.data.tags
-            same = run.info.run_name == self._run_name and tags.get("stage") == self.stage
-            if same and not _is_alive(tags.get("process", "")):
-                client.set_terminated(run.info.run_id, "KILLED")
+    def _order(self, what: str, **given: object) -> None:
+        process = self._process
+        assert process is not None
+        self._store.call(lambda limit_s: process.order(what, limit_s, given))
+
+    def _end_process(self) -> None:
+        if self._process is not None:
+            self._process.close()
+            self._process = None
 
     def _tags(self) -> dict[str, str]:
         """Tags by which runs are found again; identifiers of runs never enter a file of the pipeline."""
@@ -214,36 +169,12 @@ class Tracker:
         dependencies = [self.root / p for p in stage_dependencies(parsed, self.stage, self._item)]
         return self._item | {
             "stage": self.stage,
-            "process": _this_process(),
+            "process": this_process(),
             "git_revision": state[0] if state else "none",
             "git_dirty": str(state[1]).lower() if state else "unknown",
             "params_hash": digest_json(self._params),
             "deps_hash": digest_paths(dependencies, self.root),
         }
-
-    @staticmethod
-    def _write_params(client: MlflowClient, run: str, params: Mapping[str, object]) -> None:
-        from mlflow.entities import Param
-
-        entries = [Param(name, str(value)[:_PARAM_LENGTH]) for name, value in flatten(params).items()]
-        for start in range(0, len(entries), _PARAMS_PER_BATCH):
-            client.log_batch(run, params=entries[start : start + _PARAMS_PER_BATCH])
-
-    @staticmethod
-    def _write_series(
-        client: MlflowClient, run: str, steps: Sequence[int], series: Mapping[str, Sequence[float]]
-    ) -> None:
-        from mlflow.entities import Metric
-
-        now = int(time.time() * 1000)
-        entries = [
-            Metric(name, float(value), now, int(step))
-            for name, values in series.items()
-            for step, value in zip(steps, values, strict=True)
-            if math.isfinite(value)
-        ]
-        for start in range(0, len(entries), _METRICS_PER_BATCH):
-            client.log_batch(run, metrics=entries[start : start + _METRICS_PER_BATCH])
 
 
 @contextmanager
@@ -274,24 +205,21 @@ def track_stage(
     tracker.finish("FINISHED")
 
 
-def _this_process() -> str:
-    """Host, number and start of this process; numbers of processes are used again."""
-    import psutil
-
-    return f"{platform.node()} {os.getpid()} {psutil.Process().create_time():.2f}"
+def _texts(params: Mapping[str, object]) -> dict[str, str]:
+    """Parameters as MLflow keeps them."""
+    return {name: str(value) for name, value in flatten(params).items()}
 
 
-def _is_alive(process: str) -> bool:
-    """Whether a process still runs, as far as can be known from this host."""
-    import psutil
+def _curves(steps: Sequence[int], series: Mapping[str, Sequence[float]]) -> dict[str, object]:
+    """Curves in plain numbers; None in the place of a value that is not finite."""
+    values = {n: [float(v) if math.isfinite(v) else None for v in vs] for n, vs in series.items()}
+    return {"steps": [int(step) for step in steps], "series": values}
 
-    try:
-        host, number, start = process.split(" ")
-        if host != platform.node():
-            return True
-        return abs(psutil.Process(int(number)).create_time() - float(start)) < 1.0
-    except (ValueError, psutil.Error):
-        return False
+
+def _for_print(text: str) -> str:
+    """What a server may have sent, in one line without a password and without orders to a terminal."""
+    line = re.sub(r"//[^/@\s]*@", "//", " ".join(text.split()))
+    return "".join(c if c.isprintable() else "?" for c in line)[:300]
 
 
 def flatten(params: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
