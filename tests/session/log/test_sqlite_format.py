@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hdsafebo.files.sparse import copy_sparse
 from hdsafebo.session.errors import AuditError, SessionError
+from hdsafebo.session.log import sqlite_format
 from hdsafebo.session.log.sqlite_format import FILE_NAME, MAX_BYTES, MAX_WAL_BYTES
 from hdsafebo.session.session import Session
 from hdsafebo.session.views.audit import replay, verify_session
@@ -60,12 +62,12 @@ def test_one_that_cannot_be_written_is_only_looked_at(former: Path) -> None:
         session.note("ann", "no")
 
 
-def test_what_a_killed_program_left_in_the_write_ahead_log_is_converted_or_said_to_be_damaged(
-    tmp_path: Path,
-) -> None:
-    """One flipped byte used to drop acknowledged entries in silence."""
-    shutil.copytree(DATA / "box", tmp_path / "work")
-    database = sqlite3.connect(tmp_path / "work" / FILE_NAME)
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One whose last 24 entries are in the write-ahead log alone, as a killed program leaves them."""
+    folder = tmp_path_factory.mktemp("killed")
+    shutil.copytree(DATA / "box", folder / "work")
+    database = sqlite3.connect(folder / "work" / FILE_NAME)
     database.execute("PRAGMA journal_mode = WAL")
     database.execute("PRAGMA wal_autocheckpoint = 0")
     rows = database.execute("SELECT seq, line, hash FROM log ORDER BY seq").fetchall()
@@ -79,9 +81,15 @@ def test_what_a_killed_program_left_in_the_write_ahead_log_is_converted_or_said_
     for row in rows[3:]:
         database.execute("INSERT INTO log VALUES (?, ?, ?)", row)
         database.commit()
-    killed = tmp_path / "killed"
-    shutil.copytree(tmp_path / "work", killed, ignore=shutil.ignore_patterns("*-shm"))
+    shutil.copytree(folder / "work", folder / "killed", ignore=shutil.ignore_patterns("*-shm"))
     database.close()
+    return folder / "killed"
+
+
+def test_what_a_killed_program_left_in_the_write_ahead_log_is_converted_or_said_to_be_damaged(
+    killed: Path, tmp_path: Path
+) -> None:
+    """One flipped byte used to drop acknowledged entries in silence."""
     wal = (killed / f"{FILE_NAME}-wal").read_bytes()
     assert len(wal) > 24 * 4096
     rng = np.random.default_rng(0)
@@ -94,7 +102,7 @@ def test_what_a_killed_program_left_in_the_write_ahead_log_is_converted_or_said_
             (copy / f"{FILE_NAME}-wal").write_bytes(bytes(bad))
         try:
             session = Session.open(copy)
-            assert [e.hash for e in session.entries[:-1]] == [h for _, _, h in rows]
+            assert (len(session.entries), session.entries[-2].hash) == (28, HEADS["box"])
         except AuditError:
             assert not (copy / "original" / "audit.log").exists()
             noticed += 1
@@ -115,7 +123,7 @@ def unread(former: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("read")
 
-    monkeypatch.setattr(shutil, "copyfile", refuse)
+    monkeypatch.setattr(sqlite_format, "copy_sparse", refuse)
     monkeypatch.setattr(sqlite3, "connect", refuse)
     return former
 
@@ -143,6 +151,135 @@ def test_a_header_that_claims_more_than_any_session_had_is_refused(unread: Path)
     os.truncate(path, MAX_BYTES + 1)
     with pytest.raises(SessionError, match=f"expected at most {MAX_BYTES}"):
         Session.open(unread)
+
+
+def _written(path: Path, place: int, content: bytes) -> None:
+    with path.open("r+b") as file:
+        file.seek(place)
+        file.write(content)
+
+
+def _all_that_is_there(folder: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in folder.rglob("*") if p.is_file() and p.name != "lock"}
+
+
+@pytest.mark.parametrize(
+    ("place", "content"),
+    [
+        (16, b"\x00\x03"),  # size of a page
+        (18, b"\x01\x01"),  # no write-ahead log
+        (21, b"\x00\x00\x00"),  # fractions that SQLite fixes
+        (60, b"\x00\x00\x00\x02"),  # version of the tables
+        (68, b"\x00\x00\x00\x00"),  # whose file it is
+    ],
+)
+def test_beside_a_write_ahead_log_a_header_that_no_session_had_is_refused(
+    killed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: int, content: bytes
+) -> None:
+    """It used to be copied first, which takes up to 8 GiB."""
+    copy = Path(shutil.copytree(killed, tmp_path / "copy"))
+    _written(copy / FILE_NAME, place, content)
+    before = _all_that_is_there(copy)
+    monkeypatch.setattr(sqlite_format, "copy_sparse", None)
+    with pytest.raises(SessionError, match="no session of the former format"):
+        Session.open(copy)
+    assert _all_that_is_there(copy) == before
+
+
+def test_a_copy_takes_no_more_of_the_disk_than_what_was_handed_in(
+    killed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Header, tables, entries and write-ahead log are right; 8 GiB of pages that nothing uses are holes."""
+    copy = Path(shutil.copytree(killed, tmp_path / "copy"))
+    path = copy / FILE_NAME
+    wal = path.with_name(f"{FILE_NAME}-wal")
+    os.truncate(path, MAX_BYTES)
+    _written(path, 28, (MAX_BYTES // 4096).to_bytes(4))
+    taken = {}
+
+    def look(source: Path, target: Path, size: int) -> None:
+        copy_sparse(source, target, size)
+        taken[target.name] = target.stat().st_blocks * 512
+
+    monkeypatch.setattr(sqlite_format, "copy_sparse", look)
+    Session.open(copy)
+    assert set(taken) == {path.name, wal.name}
+    assert sum(taken.values()) < 2**20
+
+
+@pytest.mark.parametrize("end", ["-wal", "-shm", "-journal"])
+@pytest.mark.parametrize("what", ["a pipe", "a directory", "a link to nothing", "a link to /dev/zero"])
+def test_what_is_no_file_beside_the_database_holds_nobody(former: Path, end: str, what: str) -> None:
+    """A write-ahead log is never passed over in silence: steps may be in it."""
+    path = former / f"{FILE_NAME}{end}"
+    {
+        "a pipe": lambda: os.mkfifo(path),
+        "a directory": path.mkdir,
+        "a link to nothing": lambda: path.symlink_to(former / "nothing"),
+        "a link to /dev/zero": lambda: path.symlink_to("/dev/zero"),
+    }[what]()
+    if end == "-wal":
+        with pytest.raises(SessionError, match=f"{path.name}: is no regular file"):
+            Session.open(former)
+    else:
+        assert Session.open(former).entries[-2].hash == HEADS[former.name]
+
+
+def test_the_write_ahead_log_of_a_linked_database_lies_beside_the_database_itself(
+    killed: Path, tmp_path: Path
+) -> None:
+    store = Path(shutil.copytree(killed, tmp_path / "store"))
+    session = tmp_path / "session"
+    session.mkdir()
+    (session / FILE_NAME).symlink_to(store / FILE_NAME)
+    assert Session.open(session).entries[-2].hash == HEADS["box"]
+    assert (store / FILE_NAME).is_file()
+
+
+def _changed(path: Path, *statements: tuple[str, tuple[object, ...]]) -> None:
+    """Change a database behind the triggers that forbid it."""
+    database = sqlite3.connect(path)
+    triggers = database.execute("SELECT name, sql FROM sqlite_master WHERE type = 'trigger'").fetchall()
+    for name, _ in triggers:
+        database.execute(f"DROP TRIGGER {name}")
+    for statement, values in statements:
+        database.execute(statement, values)
+    for _, sql in triggers:
+        database.execute(sql)
+    database.commit()
+    database.close()
+
+
+@pytest.mark.parametrize("known", ["x", -1, 0, 10**9, b"1", 1.5])
+def test_cached_states_of_an_entry_that_is_none_are_left_behind(former: Path, known: object) -> None:
+    _changed(former / FILE_NAME, ("UPDATE cache SET seq = ?", (known,)))
+    session = Session.open(former)
+    assert session.entries[-2].hash == HEADS[former.name]
+    assert session.cache.read() is None
+
+
+def test_a_row_longer_than_any_entry_is_refused_before_it_is_in_memory(
+    former: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sqlite_format, "MAX_ENTRY_BYTES", 2**19)
+    size = 2**20 + 1
+    _changed(former / FILE_NAME, ("UPDATE log SET line = zeroblob(?) WHERE seq = 2", (size,)))
+    with pytest.raises(AuditError, match="too big"):
+        Session.open(former)
+
+
+def test_more_entries_than_a_log_takes_are_refused(former: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sqlite_format, "MAX_LOG_BYTES", 5000)
+    with pytest.raises(SessionError, match="more than 5000 bytes of entries"):
+        Session.open(former)
+    assert not (former / "original" / "audit.log").exists()
+
+
+def test_huge_cached_states_are_left_behind(former: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sqlite_format, "MAX_CACHE_BYTES", 1000)
+    session = Session.open(former)
+    assert session.entries[-2].hash == HEADS[former.name]
+    assert session.cache.read() is None
 
 
 def test_a_write_ahead_log_larger_than_any_was_is_refused_unread(unread: Path) -> None:

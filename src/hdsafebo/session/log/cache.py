@@ -15,7 +15,7 @@ from hdsafebo.files.bounded import read_bounded
 from hdsafebo.session.errors import SessionError
 from hdsafebo.session.log.chain import Entry
 
-_MAX_BYTES = 2**30
+MAX_BYTES = 2**30
 _SIGNATURE, _HASH, _LENGTH = 32, 64, 8
 
 
@@ -38,7 +38,7 @@ class Cache:
     def read(self) -> tuple[str, bytes, bytes] | None:
         """Hash of the entry, state before and after it; None when missing or damaged."""
         try:
-            content = read_bounded(self._path, _MAX_BYTES, SessionError)
+            content = read_bounded(self._path, MAX_BYTES, SessionError)
         except SessionError:
             return None
         signature, body = content[:_SIGNATURE], content[_SIGNATURE:]

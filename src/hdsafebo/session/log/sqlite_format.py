@@ -1,8 +1,9 @@
 """Sessions of the former format, one SQLite file: read once, checked, and written in the present format.
 
-What was `session.db` is kept as `session.db.converted`. Nothing of the database is trusted: it must be as
-long as its header says, its tables must be exactly those that sessions had, every entry proves itself by its
-hash, and the write-ahead log, whose damaged end SQLite drops in silence, is checked frame by frame.
+What was `session.db` is kept as `session.db.converted`. Nothing of the database is trusted: its header must
+be that of a session, and it no longer than that says; its tables must be exactly those that sessions had; every
+entry proves itself by its hash; the write-ahead log, whose damaged end SQLite drops in silence, is checked
+frame by frame; and no more of all that is in memory at a time than of a session of the present format.
 """
 
 from __future__ import annotations
@@ -15,16 +16,26 @@ import sqlite3
 import struct
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import BinaryIO
 
 from hdsafebo.files.bounded import open_regular
+from hdsafebo.files.sparse import copy_sparse
 from hdsafebo.session.errors import AuditError, SessionError
+from hdsafebo.session.log.attachments import MAX_BYTES as MAX_FILE_BYTES
+from hdsafebo.session.log.cache import MAX_BYTES as MAX_CACHE_BYTES
 from hdsafebo.session.log.cache import Cache
-from hdsafebo.session.log.chain import Entry, follow_on, read_row, seal
+from hdsafebo.session.log.chain import (
+    MAX_ENTRY_BYTES,
+    MAX_LOG_BYTES,
+    Entry,
+    follow_on,
+    read_row,
+    seal,
+)
 from hdsafebo.session.log.layout import log_paths, referenced, write_session
 
 FILE_NAME = "session.db"
@@ -37,6 +48,8 @@ _WAL_HEADER_BYTES, _FRAME_HEADER_BYTES = 32, 24
 _WAL_MAGIC = (0x377F0682, 0x377F0683)
 _PAGE_SIZES = tuple(2**k for k in range(9, 17))
 _CHUNK = 2**20
+_FRACTIONS = bytes([64, 32, 32])  # SQLite knows no others
+_IN_WAL_MODE = bytes([2, 2])
 _APPLICATION = 0x48445342  # marked a file as a session's in SQLite's header
 _VERSION = 1
 _CACHED = ("optimiser before", "optimiser after")
@@ -82,30 +95,46 @@ def converted(directory: Path, clock: Callable[[], datetime], *, in_place: bool)
     """
     if not is_sqlite_session(directory):
         return directory  # another process was faster
-    with tempfile.TemporaryDirectory() as folder:
-        entries, files, cached = _read(directory / FILE_NAME, Path(folder))
-    if not entries:
-        raise SessionError(f"{directory}: making this session was interrupted; make it again with `new`")
-    last = entries[-1]
-    time = clock().astimezone(UTC).isoformat(timespec="milliseconds")
-    facts = {"entries": len(entries), "version": version("hdsafebo")}
-    entries.append(seal(last.seq + 1, time, "hdsafebo", "converted", facts, last.hash))
     root = directory if in_place else Path(tempfile.mkdtemp())
     if not in_place:
         atexit.register(shutil.rmtree, root, ignore_errors=True)
-    if cached is not None and cached[0] <= len(entries):
-        Cache(root).write(entries[cached[0] - 1], cached[1], cached[2])
-    write_session(root, entries, files.values())
+    # SQLite looks for a write-ahead log beside the file itself, not beside a link to it.
+    path = (directory / FILE_NAME).resolve()
+    with _opened(path) as database:
+        entries = _entries(database, path)
+        if not entries:
+            raise SessionError(f"{directory}: making this session was interrupted; make it again with `new`")
+        digests = referenced(entries)
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_FILE_BYTES)
+        for digest in digests:
+            _file(database, digest, path)
+        _check_structure(database, path)
+        last = entries[-1]
+        time = clock().astimezone(UTC).isoformat(timespec="milliseconds")
+        facts = {"entries": len(entries), "version": version("hdsafebo")}
+        entries.append(seal(last.seq + 1, time, "hdsafebo", "converted", facts, last.hash))
+        cached = _cached(database)
+        if cached is not None and 0 < cached[0] <= len(entries):
+            Cache(root).write(entries[cached[0] - 1], cached[1], cached[2])
+        write_session(root, entries, (_file(database, digest, path) for digest in digests))
     if in_place:
         finish_conversion(directory)
     return root
 
 
-def _read(path: Path, folder: Path) -> tuple[list[Entry], dict[str, bytes], tuple[int, bytes, bytes] | None]:
-    """Entries, files by digest, and the cached states with the number of the last entry they know."""
+@contextmanager
+def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """The database of a session, of which header, size, write-ahead log and tables are right.
+
+    Raises:
+        SessionError: it is none.
+        AuditError: it is damaged, which may show while it is being read.
+    """
     wal = path.with_name(f"{path.name}-wal")
+    if os.path.lexists(wal) and not wal.is_file():
+        raise SessionError(f"{wal}: is no regular file")
     followed = wal.is_file() and _is_written(wal)
-    _check_size(path, wal.stat().st_size if followed else 0)
+    _check_header(path, wal if followed else None)
     lost = _frames_after_damage(wal) if followed else 0
     if lost:
         raise AuditError(
@@ -114,34 +143,43 @@ def _read(path: Path, folder: Path) -> tuple[list[Entry], dict[str, bytes], tupl
             f"damage, keep copies of both and run: sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
         )
     try:
-        with closing(_connected(path, wal if followed else None, folder)) as database:
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            closing(_connected(path, wal if followed else None, Path(folder))) as database,
+        ):
             _check_schema(database, path)
-            entries = _entries(database, path)
-            files = {digest: _file(database, digest, path) for digest in referenced(entries)}
-            cached = _cached(database)
-            found = database.execute("PRAGMA integrity_check").fetchone()[0]
+            yield database
     except sqlite3.Error as error:
         raise AuditError(f"{path}: damaged: {error}") from None
-    if found != "ok":
-        raise AuditError(f"{path}: damaged: {found}")
-    return entries, files, cached
 
 
-def _check_size(path: Path, wal_bytes: int) -> None:
-    """SessionError for a file that is no database, or longer than one; none of it but its header is read.
+def _check_header(path: Path, wal: Path | None) -> None:
+    """SessionError unless the database's first bytes are a session's, and it no longer than they say.
 
-    A program that was killed while it took pages over from the write-ahead log may have left more of them
-    than the header counts, but no more than that log holds.
+    Who made a session closed its database, empty yet, so that the file itself has said since what it is; the
+    write-ahead log need not be asked. A program that was killed while it took pages over from that log may
+    have left more of them than the header counts, but no more than the log holds.
 
     Args:
         path: of the database.
-        wal_bytes: size of its write-ahead log.
+        wal: its write-ahead log; None without one.
     """
     with open_regular(path) as file:
         header, size = file.read(_HEADER_BYTES), os.fstat(file.fileno()).st_size
-    if len(header) < _HEADER_BYTES or not header.startswith(_MAGIC):
+    page = _page_bytes(header[16:18])
+    good = (
+        len(header) == _HEADER_BYTES
+        and header.startswith(_MAGIC)
+        and page in _PAGE_SIZES
+        and header[21:24] == _FRACTIONS
+        and (wal is None or header[18:20] == _IN_WAL_MODE)
+        and int.from_bytes(header[60:64]) == _VERSION
+        and int.from_bytes(header[68:72]) == _APPLICATION
+    )
+    if not good:
         raise SessionError(f"{path}: no session of the former format")
-    most = min(_page_bytes(header[16:18]) * int.from_bytes(header[28:32]) + wal_bytes, MAX_BYTES)
+    wal_bytes = wal.stat().st_size if wal else 0
+    most = min(page * int.from_bytes(header[28:32]) + wal_bytes, MAX_BYTES)
     if size > most:
         raise SessionError(f"{path}: {size} bytes, expected at most {most}")
 
@@ -154,6 +192,8 @@ def _page_bytes(stored: bytes) -> int:
 def _connected(path: Path, wal: Path | None, folder: Path) -> sqlite3.Connection:
     """The database, open for reading; copied where it has a write-ahead log, which SQLite reads by writing.
 
+    The copy takes no more of the disk than the files do, whatever their sizes say.
+
     Args:
         path: of the database.
         wal: its write-ahead log; None without one.
@@ -161,13 +201,14 @@ def _connected(path: Path, wal: Path | None, folder: Path) -> sqlite3.Connection
     """
     if wal is None:
         return sqlite3.connect(f"{path.resolve().as_uri()}?immutable=1", uri=True)
-    for source in (path, wal):
-        shutil.copyfile(source, folder / source.name)
+    copy_sparse(path, folder / path.name, MAX_BYTES)
+    copy_sparse(wal, folder / wal.name, MAX_WAL_BYTES)
     return sqlite3.connect(folder / path.name)
 
 
 def _check_schema(database: sqlite3.Connection, source: Path) -> None:
     """SessionError unless the tables are those of a session: a view in their place would be a program."""
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 2 * MAX_ENTRY_BYTES)  # of any row, its other columns too
     application = database.execute("PRAGMA application_id").fetchone()[0]
     version = database.execute("PRAGMA user_version").fetchone()[0]
     made = database.execute("SELECT name, sql FROM sqlite_master LIMIT 20").fetchall()
@@ -180,8 +221,17 @@ def _check_schema(database: sqlite3.Connection, source: Path) -> None:
         raise SessionError(f"{source}: no session of the former format")
 
 
+def _check_structure(database: sqlite3.Connection, source: Path) -> None:
+    """AuditError where SQLite finds damage."""
+    found = database.execute("PRAGMA integrity_check").fetchone()[0]
+    if found != "ok":
+        raise AuditError(f"{source}: damaged: {found}")
+
+
 def _entries(database: sqlite3.Connection, source: Path) -> list[Entry]:
+    """All entries; no more than a log of the present format takes."""
     entries: list[Entry] = []
+    size = 0
     for number, (seq, line, stored) in enumerate(
         database.execute("SELECT seq, line, hash FROM log ORDER BY seq"), start=1
     ):
@@ -190,10 +240,14 @@ def _entries(database: sqlite3.Connection, source: Path) -> list[Entry]:
             raise AuditError(f"{where} is missing or damaged")
         row = stored.encode("utf-8", "replace") + b" " + line
         entries.append(follow_on(read_row(row, where), entries[-1] if entries else None, where))
+        size += len(row) + 1  # and its line break
+        if size > MAX_LOG_BYTES:
+            raise SessionError(f"{where}: more than {MAX_LOG_BYTES} bytes of entries")
     return entries
 
 
 def _file(database: sqlite3.Connection, digest: str, source: Path) -> bytes:
+    """Content of one file that an entry refers to."""
     row = database.execute("SELECT content FROM file WHERE sha256 = ?", (digest,)).fetchone()
     if row is None or not isinstance(row[0], bytes) or _digest(row[0]) != digest:
         raise AuditError(f"{source}: file {digest[:12]}... is missing or was changed")
@@ -201,6 +255,10 @@ def _file(database: sqlite3.Connection, digest: str, source: Path) -> bytes:
 
 
 def _cached(database: sqlite3.Connection) -> tuple[int, bytes, bytes] | None:
+    """The cached states with the number of the last entry they know; None when missing, damaged or huge."""
+    size = database.execute("SELECT SUM(LENGTH(content)) FROM cache").fetchone()[0]
+    if size is None or size > MAX_CACHE_BYTES:
+        return None
     found = [
         database.execute("SELECT seq, content FROM cache WHERE key = ?", (key,)).fetchone() for key in _CACHED
     ]
@@ -209,7 +267,8 @@ def _cached(database: sqlite3.Connection) -> tuple[int, bytes, bytes] | None:
     contents = [row[1][_SIGNATURE_BYTES:] for row in found]
     if any(bytes.fromhex(_digest(c)) + c != row[1] for c, row in zip(contents, found, strict=True)):
         return None
-    return int(found[0][0]), contents[0], contents[1]
+    known = found[0][0]
+    return (known, contents[0], contents[1]) if isinstance(known, int) else None
 
 
 def _digest(content: bytes) -> str:
