@@ -1,10 +1,12 @@
-"""Copies of files with holes: a file may be far longer than the room that it takes on the disk."""
+"""Files with holes: one may be far longer than the room that it takes on the disk."""
 
 from __future__ import annotations
 
 import errno
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from hdsafebo.files.bounded import open_regular
 
@@ -25,13 +27,28 @@ def copy_sparse(source: Path, target: Path, size: int) -> None:
     with open_regular(source) as file, target.open("wb") as copy:
         size = min(size, os.fstat(file.fileno()).st_size)
         copy.truncate(size)
-        end = 0
-        while (start := _next_data(file.fileno(), end, size)) < size:
-            end = min(os.lseek(file.fileno(), start, os.SEEK_HOLE), size)
-            file.seek(start)
-            copy.seek(start)
-            while (left := end - file.tell()) > 0 and (piece := file.read(min(_CHUNK, left))):
-                copy.write(piece)
+        for place, piece in pieces_of_data(file, size):
+            copy.seek(place)
+            copy.write(piece)
+
+
+def pieces_of_data(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
+    """What a file holds apart from holes: places, and what begins there, in pieces of at most a mebibyte.
+
+    Args:
+        file: a regular file.
+        size: where to end.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    end = 0
+    while (start := _next_data(file.fileno(), end, size)) < size:
+        end = min(os.lseek(file.fileno(), start, os.SEEK_HOLE), size)
+        file.seek(start)
+        while (left := end - start) > 0 and (piece := file.read(min(_CHUNK, left))):
+            yield start, piece
+            start += len(piece)
 
 
 def _next_data(file: int, start: int, size: int) -> int:

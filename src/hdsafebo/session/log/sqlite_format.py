@@ -1,9 +1,9 @@
 """Sessions of the former format, one SQLite file: read once, checked, and written in the present format.
 
 What was `session.db` is kept as `session.db.converted`. Nothing of the database is trusted: its header must
-be that of a session, and it no longer than that says; its tables must be exactly those that sessions had; every
-entry proves itself by its hash; the write-ahead log, whose damaged end SQLite drops in silence, is checked
-frame by frame; and no more of all that is in memory at a time than of a session of the present format.
+be that of a session, and it no longer than that says; its tables must be exactly those that sessions had;
+every entry proves itself by its hash; the write-ahead log, whose damaged end SQLite drops in silence, is
+checked frame by frame; and no more is in memory at a time than of a session of the present format.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from hdsafebo.files.bounded import open_regular
-from hdsafebo.files.sparse import copy_sparse
+from hdsafebo.files.sparse import copy_sparse, pieces_of_data
 from hdsafebo.session.errors import AuditError, SessionError
 from hdsafebo.session.log.attachments import MAX_BYTES as MAX_FILE_BYTES
 from hdsafebo.session.log.cache import MAX_BYTES as MAX_CACHE_BYTES
@@ -47,7 +47,6 @@ _HEADER_BYTES = 100
 _WAL_HEADER_BYTES, _FRAME_HEADER_BYTES = 32, 24
 _WAL_MAGIC = (0x377F0682, 0x377F0683)
 _PAGE_SIZES = tuple(2**k for k in range(9, 17))
-_CHUNK = 2**20
 _FRACTIONS = bytes([64, 32, 32])  # SQLite knows no others
 _IN_WAL_MODE = bytes([2, 2])
 _APPLICATION = 0x48445342  # marked a file as a session's in SQLite's header
@@ -281,7 +280,7 @@ def _is_written(wal: Path) -> bool:
         size = os.fstat(file.fileno()).st_size
         if size > MAX_WAL_BYTES:
             raise SessionError(f"{wal}: {size} bytes, expected at most {MAX_WAL_BYTES}")
-        return any(chunk.strip(b"\0") for chunk in _pieces(file, _CHUNK))
+        return any(piece.strip(b"\0") for _, piece in pieces_of_data(file, size))
 
 
 def _pieces(file: BinaryIO, size: int) -> Iterator[bytes]:
