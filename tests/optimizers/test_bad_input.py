@@ -265,10 +265,15 @@ def test_ill_natured_data(method, x, objective, safety) -> None:
         np.ma.masked_array([1.0, 2.0], [True, False]),
         ["1.5", "2"],
         [b"1", b"2"],
+        np.array(["1_000", 2.0], object),
+        [None, "1_000"],
         np.zeros(2, [("a", float)]),
         [[0.0, 1.0], [2.0]],
     ],
-    ids=["huge", "complex", "dates", "masked", "text", "bytes", "records", "ragged"],
+    ids=[
+        *("huge", "complex", "dates", "masked", "text", "bytes", "text among objects", "text beside nothing"),
+        *("records", "ragged"),
+    ],
 )
 @pytest.mark.parametrize("where", ["objective", "safety", "x", "status", "candidate"])
 def test_what_is_no_number_is_not_made_one(values, where: str) -> None:

@@ -59,6 +59,16 @@ def test_other_columns_are_refused(made: Sobol, columns, message: str) -> None:
     assert len(made.trials) == 0
 
 
+@pytest.mark.parametrize("kind", ["str", "string", "object", "category"])
+def test_columns_of_text_are_no_numbers(made: Sobol, kind: str) -> None:
+    pd = pytest.importorskip("pandas")
+    text = pd.Series(["1.5", "1_000", "2"]).astype(kind)
+    for objective, safety in ((text, tables()["array"]), (FORCE, {"force": text, "heat": HEAT})):
+        with pytest.raises(TrialError, match="not an array of numbers: it has"):
+            made.observe(X, objective, safety)
+    assert len(made.trials) == 0
+
+
 def test_columns_in_an_order_of_their_own_are_refused_where_nothing_has_names(made: Sobol) -> None:
     pd = pytest.importorskip("pandas")
     for arguments in (

@@ -30,6 +30,8 @@ def as_numbers(values: Any, name: str) -> FloatArray:
         if given.size and (given.dtype.kind not in "biufO" or np.ma.is_masked(given)):
             what = "masked values" if np.ma.is_masked(given) else f"type {given.dtype}"
             raise TrialError(f"{name} is not an array of numbers: it has {what}")
+        if given.dtype == object:
+            _refuse_texts(given, name)
         return np.array(given, dtype=float)
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         raise TrialError(f"{name} is not an array of numbers: {error}") from None
@@ -83,6 +85,16 @@ def check_same_labels(**tables: Any) -> None:
                 f"rows of {name} are labelled {list(index)[:5]}, those of {first} {list(expected)[:5]}; "
                 "expected the same order"
             )
+
+
+def _refuse_texts(values: NDArray[Any], name: str) -> None:
+    """TrialError where any of a column's own objects is a text, of which NumPy makes a number as Python does.
+
+    Columns of text that pandas hands over are of objects, and so is a list with None in it.
+    """
+    for value in values.flat:
+        if isinstance(value, str | bytes):
+            raise TrialError(f"{name} is not an array of numbers: it has the text {str(value)[:40]!r}")
 
 
 def _named(values: Any) -> bool:
