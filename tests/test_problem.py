@@ -1,6 +1,7 @@
 """What a problem may not be."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from hdsafebo.errors import ProblemError, TrialError
 from hdsafebo.optimizers.controls.sobol import Sobol
 from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.search.space import SearchSpace
 
 
 @pytest.mark.parametrize(
@@ -67,3 +69,14 @@ def test_thresholds_of_any_number_type_are_plain_numbers(kind) -> None:
 def test_thresholds_that_are_no_number(threshold) -> None:
     with pytest.raises(ProblemError, match="threshold of safety function 'level' is"):
         Safety("level", threshold)
+
+
+@pytest.mark.parametrize("text", ["1_0", "١٢", b"1", np.str_("3")])
+def test_text_is_no_number_of_a_problem(text: Any) -> None:
+    with pytest.raises(ProblemError, match="expected a finite number"):
+        Safety("level", text)
+    for bounds in ([[0.0, 0.0], [text, 1.0]], np.array([[0.0, 0.0], [text, 1.0]], object)):
+        with pytest.raises(ProblemError, match="is text; expected numbers"):
+            FunctionProblem(lambda x: (x[:, 0], x[:, 0]), bounds)
+        with pytest.raises(ProblemError, match="is text; expected numbers"):
+            SearchSpace(bounds, isotropic=False)

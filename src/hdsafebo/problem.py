@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import ProblemError
 from hdsafebo.trials import Evaluation, Trials
@@ -39,8 +39,9 @@ class Safety:
 
     def __post_init__(self) -> None:
         try:
-            threshold = float(self.threshold)  # NumPy's own numbers have no place in a saved state
-        except (TypeError, ValueError, OverflowError):
+            # NumPy's own numbers have no place in a saved state.
+            threshold = float(floats(self.threshold, "threshold"))
+        except (ProblemError, TypeError, ValueError, OverflowError):
             threshold = np.nan
         if not np.isfinite(threshold):
             raise ProblemError(
@@ -230,9 +231,25 @@ class Problem(ABC):
         return np.asarray(np.maximum(0.0, thresholds - safety[:, keep]).sum(axis=1))
 
 
+def floats(values: ArrayLike, what: str) -> FloatArray:
+    """Values as floats; text is refused, of which Python would make numbers: 10 of '1_0'.
+
+    Raises:
+        ProblemError: a value is text; `what` is its name.
+        ValueError: rows have different lengths.
+        TypeError: a value is no number otherwise.
+    """
+    given = np.asarray(values)
+    if given.dtype.kind in "USO":
+        for value in given.flat:
+            if isinstance(value, str | bytes):
+                raise ProblemError(f"{what}: {str(value)[:40]!r} is text; expected numbers")
+    return np.asarray(given, float)
+
+
 def check_problem(problem: Problem) -> None:
     """Raise `ProblemError` naming what is wrong with a problem's box or safety functions."""
-    bounds = np.asarray(problem.bounds, float)
+    bounds = floats(problem.bounds, f"bounds of {problem.name!r}")
     if bounds.ndim != 2 or bounds.shape[0] != 2 or bounds.shape[1] == 0:
         raise ProblemError(
             f"bounds of {problem.name!r} have shape {bounds.shape}; expected (2, D) with D >= 1: all lower "
@@ -314,7 +331,7 @@ class FunctionProblem(Problem):
         name: str = "function",
     ) -> None:
         self.function = function
-        self.bounds = np.asarray(bounds, float)
+        self.bounds = floats(bounds, f"bounds of {name!r}")
         self.safety = tuple(safety)
         self.name = name
         check_problem(self)

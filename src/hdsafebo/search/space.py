@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hdsafebo.errors import ProblemError
+from hdsafebo.problem import floats
 from hdsafebo.typing import FloatArray, Shaped
 
 
@@ -35,7 +36,7 @@ class SearchSpace:
         isotropic: bool,
         land: Callable[[FloatArray], FloatArray] | None = None,
     ) -> None:
-        limits = np.asarray(bounds, float)
+        limits = floats(bounds, "bounds of the search space")
         if limits.ndim != 2 or limits.shape[0] != 2 or limits.shape[1] == 0:
             raise ProblemError(
                 f"bounds of the search space have shape {limits.shape}; expected (2, d) with d >= 1"
