@@ -389,13 +389,14 @@ def test_a_view_in_the_place_of_the_experiments_is_not_computed(tmp_path: Path) 
 def test_a_store_that_never_answers_holds_a_stage_no_longer_than_a_server(
     project: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A store that was handed in, with all tables but one."""
+    """A store that was handed in, with a view in the place of a table that has no row, and no end."""
     with contextlib.closing(sqlite3.connect(project / "mlruns.db")) as database:
         names = [row[1] for row in database.execute("PRAGMA table_info(experiments)")]
         columns = ", ".join("experiment_id" if n == "experiment_id" else f"'x' AS {n}" for n in names)
         database.executescript(
             "DROP TABLE experiments; CREATE VIEW experiments AS WITH RECURSIVE n(experiment_id) AS "
-            f"(SELECT 1 UNION ALL SELECT experiment_id + 1 FROM n) SELECT {columns} FROM n;"
+            f"(SELECT 1 UNION ALL SELECT experiment_id + 1 FROM n) SELECT {columns} FROM n "
+            "WHERE experiment_id < 0;"
         )
     monkeypatch.setattr("hdsafebo.pipeline.store._LOCK_S", 4.0)
     with track_stage("optimize", PARAMS, project) as tracker:
