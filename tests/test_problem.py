@@ -10,6 +10,7 @@ from hdsafebo.errors import ProblemError, TrialError
 from hdsafebo.optimizers.controls.sobol import Sobol
 from hdsafebo.problem import FunctionProblem, Safety
 from hdsafebo.search.space import SearchSpace
+from hdsafebo.trials import Trials
 
 
 @pytest.mark.parametrize(
@@ -80,3 +81,6 @@ def test_text_is_no_number_of_a_problem(text: Any) -> None:
             FunctionProblem(lambda x: (x[:, 0], x[:, 0]), bounds)
         with pytest.raises(ProblemError, match="is text; expected numbers"):
             SearchSpace(bounds, isotropic=False)
+    made = FunctionProblem(lambda x: ([text], [0.0]), [[0.0], [1.0]])
+    with pytest.raises(ProblemError, match="is text; expected numbers"):
+        made.evaluate(Trials.pending(np.zeros((1, 1)), np.zeros((1, 1)), 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -240,11 +240,16 @@ def floats(values: ArrayLike, what: str) -> FloatArray:
         TypeError: a value is no number otherwise.
     """
     given = np.asarray(values)
-    if given.dtype.kind in "USO":
-        for value in given.flat:
-            if isinstance(value, str | bytes):
-                raise ProblemError(f"{what}: {str(value)[:40]!r} is text; expected numbers")
+    if (text := first_text(given)) is not None:
+        raise ProblemError(f"{what}: {text!r} is text; expected numbers")
     return np.asarray(given, float)
+
+
+def first_text(values: NDArray[Any]) -> str | None:
+    """The beginning of the first text in an array, also among objects; None without one."""
+    if values.dtype.kind not in "USO":
+        return None
+    return next((str(value)[:40] for value in values.flat if isinstance(value, str | bytes)), None)
 
 
 def check_problem(problem: Problem) -> None:
@@ -338,5 +343,6 @@ class FunctionProblem(Problem):
 
     def evaluate(self, trials: Trials) -> Evaluation:
         objective, safety = self.function(trials.x)
-        values = np.asarray(safety, float)
-        return Evaluation(np.asarray(objective, float), values[:, None] if values.ndim == 1 else values)
+        values = floats(safety, f"safety values of {self.name!r}")
+        outcomes = floats(objective, f"objective of {self.name!r}")
+        return Evaluation(outcomes, values[:, None] if values.ndim == 1 else values)

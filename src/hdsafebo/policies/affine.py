@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import ProblemError
+from hdsafebo.problem import floats
 from hdsafebo.typing import FloatArray
 
 _FARTHEST = 5.0
@@ -104,7 +105,7 @@ class PolicySpace:
         Raises:
             ProblemError: another shape, or weights that are not finite.
         """
-        weights = np.asarray(x, float)
+        weights = floats(x, "policy")
         if weights.shape != (self.dimension,):
             raise ProblemError(
                 f"policy of shape {weights.shape}; expected ({self.dimension},): {self.actions} actions x "

@@ -12,6 +12,7 @@ from hdsafebo.errors import ProblemError
 from hdsafebo.policies.affine import Normalisation, PolicySpace
 from hdsafebo.policies.environments import action_limits
 from hdsafebo.policies.features import leading, main_actions
+from hdsafebo.problem import floats
 from hdsafebo.typing import FloatArray
 
 _BOX_FACTOR = 1.5  # of the largest initial weight: the search may leave what was drawn, not by much
@@ -58,7 +59,7 @@ def raw_space(environment: Any, base: ArrayLike | None, unit: ArrayLike | None) 
     vectors = {}
     for what, value in values.items():
         try:
-            vectors[what] = np.broadcast_to(np.asarray(value, float), low.shape).copy()
+            vectors[what] = np.broadcast_to(floats(value, what), low.shape).copy()
         except ValueError:
             raise ProblemError(f"{what} has shape {np.shape(value)}; expected ({len(low)},)") from None
         if not np.isfinite(vectors[what]).all():
@@ -96,7 +97,7 @@ def weight_limits(box: ArrayLike | str, drawn: FloatArray) -> FloatArray:
         limit = np.maximum(_BOX_FACTOR * np.abs(drawn).max(axis=0), _BOX_LEAST)
         return np.stack([-limit, limit])
     try:
-        limit = np.broadcast_to(np.asarray(box, float), (d,))
+        limit = np.broadcast_to(floats(box, "box"), (d,))
     except ValueError:
         raise ProblemError(f"box has shape {np.shape(box)}; expected a number or ({d},)") from None
     if not (np.isfinite(limit).all() and (limit > 0).all()):

@@ -48,7 +48,7 @@ from hdsafebo.policies.policy_file import check_same_space, load_policy, save_po
 from hdsafebo.policies.recording import check_seeds, checked_observations, recorded_observations
 from hdsafebo.policies.safety import EpisodeSafety
 from hdsafebo.policies.synergies import ActionSynergies
-from hdsafebo.problem import LinearFeatures, Problem, check_problem
+from hdsafebo.problem import LinearFeatures, Problem, check_problem, floats
 from hdsafebo.trials import Evaluation, Trials
 from hdsafebo.typing import FloatArray, IntArray
 
@@ -184,7 +184,7 @@ class GymnasiumPolicies(Problem):
     def play(self, x: ArrayLike, seeds: Sequence[int] | None = None) -> list[Episode]:
         """Episodes of one policy, one per seed; None plays the evaluation seeds."""
         chosen = self.seeds if seeds is None else checked_seeds(seeds)
-        return self._play(np.atleast_2d(np.asarray(x, float)), chosen)[0]
+        return self._play(np.atleast_2d(floats(x, "policies")), chosen)[0]
 
     def video(self, x: ArrayLike, path: str | Path, seed: int | None = None) -> Episode:
         """Write one episode of a policy as MP4, in real time; None takes the first evaluation seed.
@@ -231,13 +231,13 @@ class GymnasiumPolicies(Problem):
         Raises:
             ProblemError: the directions are linearly dependent or do not fit.
         """
-        rows = np.atleast_2d(np.asarray(directions, float))
+        rows = np.atleast_2d(floats(directions, "directions"))
         k, d = self.policies.actions, self.policies.dimension
         if rows.shape[1] != k:
             raise ProblemError(
                 f"synergies of shape {rows.shape}; expected (rows, {k}), one column per action"
             )
-        middle = np.zeros(d) if centre is None else np.asarray(centre, float)
+        middle = np.zeros(d) if centre is None else floats(centre, "centre")
         if middle.shape != (d,):
             raise ProblemError(f"centre of shape {middle.shape}; expected ({d},)")
         return ActionSynergies.of_directions(rows / self.policies.unit, middle)

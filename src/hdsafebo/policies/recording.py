@@ -12,6 +12,7 @@ import numpy as np
 
 from hdsafebo.errors import ProblemError
 from hdsafebo.policies.episode import Episode
+from hdsafebo.problem import floats
 from hdsafebo.typing import FloatArray
 
 
@@ -36,7 +37,7 @@ def checked_observations(given: FloatArray, size: int, name: str) -> FloatArray:
     Raises:
         ProblemError: they are none, not finite, or not this environment's.
     """
-    observations = np.asarray(given, float)
+    observations = floats(given, "recorded observations")
     if observations.ndim != 2 or len(observations) == 0 or observations.shape[1] != size:
         raise ProblemError(f"observations of shape {observations.shape} for {name!r}; expected (n, {size})")
     if not np.isfinite(observations).all():

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import TrialError
+from hdsafebo.problem import first_text
 from hdsafebo.typing import FloatArray
 
 
@@ -30,8 +31,9 @@ def as_numbers(values: Any, name: str) -> FloatArray:
         if given.size and (given.dtype.kind not in "biufO" or np.ma.is_masked(given)):
             what = "masked values" if np.ma.is_masked(given) else f"type {given.dtype}"
             raise TrialError(f"{name} is not an array of numbers: it has {what}")
-        if given.dtype == object:
-            _refuse_texts(given, name)
+        # Columns of text that pandas hands over are of objects, and so is a list with None in it.
+        if (text := first_text(given)) is not None:
+            raise TrialError(f"{name} is not an array of numbers: it has the text {text!r}")
         return np.array(given, dtype=float)
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         raise TrialError(f"{name} is not an array of numbers: {error}") from None
@@ -85,16 +87,6 @@ def check_same_labels(**tables: Any) -> None:
                 f"rows of {name} are labelled {list(index)[:5]}, those of {first} {list(expected)[:5]}; "
                 "expected the same order"
             )
-
-
-def _refuse_texts(values: NDArray[Any], name: str) -> None:
-    """TrialError where any of a column's own objects is a text, of which NumPy makes a number as Python does.
-
-    Columns of text that pandas hands over are of objects, and so is a list with None in it.
-    """
-    for value in values.flat:
-        if isinstance(value, str | bytes):
-            raise TrialError(f"{name} is not an array of numbers: it has the text {str(value)[:40]!r}")
 
 
 def _named(values: Any) -> bool:
