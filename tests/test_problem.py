@@ -8,7 +8,7 @@ import pytest
 
 from hdsafebo.errors import ProblemError, TrialError
 from hdsafebo.optimizers.controls.sobol import Sobol
-from hdsafebo.problem import FunctionProblem, Safety
+from hdsafebo.problem import FunctionProblem, Safety, decoded, encoded, features_of
 from hdsafebo.search.space import SearchSpace
 from hdsafebo.trials import Trials
 
@@ -72,6 +72,19 @@ def test_thresholds_that_are_no_number(threshold) -> None:
         Safety("level", threshold)
 
 
+class Texts:
+    """A codec that gives text for numbers."""
+
+    def __init__(self, text: Any) -> None:
+        self.text = text
+
+    def encode(self, x: Any) -> Any:
+        return [[self.text]]
+
+    def decode(self, z: Any) -> Any:
+        return [[self.text]]
+
+
 @pytest.mark.parametrize("text", ["1_0", "١٢", b"1", np.str_("3")])
 def test_text_is_no_number_of_a_problem(text: Any) -> None:
     with pytest.raises(ProblemError, match="expected a finite number"):
@@ -81,6 +94,15 @@ def test_text_is_no_number_of_a_problem(text: Any) -> None:
             FunctionProblem(lambda x: (x[:, 0], x[:, 0]), bounds)
         with pytest.raises(ProblemError, match="is text; expected numbers"):
             SearchSpace(bounds, isotropic=False)
+    for function in (
+        features_of,
+        lambda problem, x: decoded(Texts(text), x),
+        lambda problem, x: encoded(Texts(text), x),
+    ):
+        made = FunctionProblem(lambda x: (x[:, 0], x[:, 0]), [[0.0], [1.0]])
+        made.features = lambda x: [[text]]
+        with pytest.raises(ProblemError, match="is text; expected numbers"):
+            function(made, np.zeros((1, 1)))
     made = FunctionProblem(lambda x: ([text], [0.0]), [[0.0], [1.0]])
     with pytest.raises(ProblemError, match="is text; expected numbers"):
         made.evaluate(Trials.pending(np.zeros((1, 1)), np.zeros((1, 1)), 1))

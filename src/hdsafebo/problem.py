@@ -245,6 +245,22 @@ def floats(values: ArrayLike, what: str) -> FloatArray:
     return np.asarray(given, float)
 
 
+def features_of(problem: Problem, x: FloatArray) -> FloatArray:
+    """(n, p) features of (n, D) inputs of a problem that has some; text is refused."""
+    assert problem.features is not None
+    return floats(problem.features(x), f"features of {problem.name!r}")
+
+
+def decoded(codec: Codec, z: FloatArray) -> FloatArray:
+    """(n, D) inputs of (n, d) codes; text is refused."""
+    return floats(codec.decode(z), "decoded codes")
+
+
+def encoded(codec: Codec, x: FloatArray) -> FloatArray:
+    """(n, d) codes of (n, D) inputs; text is refused."""
+    return floats(codec.encode(x), "codes of inputs")
+
+
 def first_text(values: NDArray[Any]) -> str | None:
     """The beginning of the first text in an array, also among objects; None without one."""
     if values.dtype.kind not in "USO":

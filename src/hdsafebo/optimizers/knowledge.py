@@ -27,7 +27,7 @@ from hdsafebo.optimizers.settings import (
     constructor_signature,
     warn_of_an_optimistic_default,
 )
-from hdsafebo.problem import Codec, ContextualSet, Problem, check_problem
+from hdsafebo.problem import Codec, ContextualSet, Problem, check_problem, features_of
 from hdsafebo.search.metric import Metric, kernel_metric
 from hdsafebo.search.space import SearchSpace
 from hdsafebo.trials import Trial, Trials
@@ -122,7 +122,7 @@ class Knowledge(ABC, Generic[S]):
     def kernel_inputs(self, trials: Trials) -> FloatArray:
         """(n, p) what the kernel measures distances between, for the points of `trials`."""
         if self.problem.features is not None:
-            return np.asarray(self.problem.features(trials.x), float)
+            return features_of(self.problem, trials.x)
         return self.space.kernel_inputs(self.space.to_unit(trials.z))
 
     def inputs_of(self, rows: IntArray) -> FloatArray:

@@ -171,7 +171,7 @@ class AffinePolicy:
         Raises:
             ProblemError: an observation of another shape.
         """
-        given, shape = np.asarray(observation, float), self.space.observation_shape
+        given, shape = floats(observation, "observation"), self.space.observation_shape
         single = given.shape == shape
         if not single and given.shape[1:] != shape:
             raise ProblemError(f"observation of shape {given.shape}; expected {shape} or (n, *{shape})")

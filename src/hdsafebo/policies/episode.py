@@ -10,6 +10,7 @@ import numpy as np
 
 from hdsafebo.errors import RenderingUnavailableError
 from hdsafebo.policies.affine import AffinePolicy
+from hdsafebo.problem import floats
 from hdsafebo.typing import FloatArray
 
 FAILURE = "failure"
@@ -77,10 +78,10 @@ def play_episode(
             if watch is not None:
                 watch(environment)
             action = policy(observation)
-            observations.append(np.ravel(np.asarray(observation, float)))
+            observations.append(np.ravel(floats(observation, "observation")))
             actions.append(np.ravel(np.asarray(action, float)))
             observation, reward, terminated, truncated, info = environment.step(action)
-            rewards.append(float(reward))
+            rewards.append(float(floats(reward, "reward")))
             infos.append(dict(info))
             failure = info.get(FAILURE) or _not_finite(observation, rewards[-1], len(rewards))
             if truncated:
@@ -105,7 +106,7 @@ def play_episode(
 
 def _not_finite(observation: Any, reward: float, step: int) -> str | None:
     """What is NaN or infinite, or None."""
-    values = np.ravel(np.asarray(observation, float))
+    values = np.ravel(floats(observation, "observation"))
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         return f"observation {bad[0]} is {values[bad[0]]} after {step} steps"

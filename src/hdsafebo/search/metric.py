@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from hdsafebo.errors import ProblemError
-from hdsafebo.problem import Codec, LinearCodec, LinearFeatures, Problem
+from hdsafebo.problem import Codec, LinearCodec, LinearFeatures, Problem, decoded, features_of
 from hdsafebo.search.space import SearchSpace
 from hdsafebo.typing import FloatArray, Shaped
 
@@ -79,9 +79,8 @@ def kernel_metric(problem: Problem, embedding: Codec | None, space: SearchSpace)
 
     def features(u: FloatArray) -> FloatArray:
         z = space.to_code(u)
-        x = z if embedding is None else np.asarray(embedding.decode(z), float)
-        assert problem.features is not None
-        return np.asarray(problem.features(x), float)
+        x = z if embedding is None else decoded(embedding, z)
+        return features_of(problem, x)
 
     origin = features(np.zeros((1, d)))[0]
     stated = _stated_matrix(problem, embedding)

@@ -16,6 +16,7 @@ from hdsafebo.gp.kernel import exact_distances, fast_distances, matern52
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.empty_set import complete_batch
 from hdsafebo.optimizers.settings import SafeSetSettings
+from hdsafebo.problem import encoded
 from hdsafebo.search.candidates import sobol_points
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
@@ -117,7 +118,7 @@ class SafeOpt(Optimizer[SafeOptSettings]):
         if len(free) == 0:
             free = np.setdiff1d(np.arange(total), self.taken)[: self.settings.grid]
         x = candidates.inputs(free)
-        z = x if self.embedding is None else np.asarray(self.embedding.encode(x), float)
+        z = x if self.embedding is None else encoded(self.embedding, x)
         return self.space.to_unit(z), free
 
     def _under_evaluation(self, points: FloatArray) -> NDArray[np.bool_]:

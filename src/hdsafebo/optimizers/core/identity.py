@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hdsafebo.errors import StateFileError
 from hdsafebo.gp.surrogate import modelled_safety, modelled_thresholds
 from hdsafebo.optimizers.core.results import same_points
-from hdsafebo.problem import CandidateSet, Codec, Problem
+from hdsafebo.problem import CandidateSet, Codec, Problem, decoded, encoded, features_of
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray
 
@@ -43,7 +43,7 @@ def evidence_of(problem: Problem, trials: Trials) -> dict[str, NDArray[Any]]:
         evidence["candidates"] = fingerprint(problem.candidates)
     some = trials[:_CHECKED]
     if problem.features is not None:
-        evidence["features"] = np.asarray(problem.features(some.x), float)
+        evidence["features"] = features_of(problem, some.x)
     told = some.safety[some.status == Status.COMPLETED]
     evidence["transformed"] = np.vstack(
         [modelled_thresholds(problem.safety)[None], modelled_safety(problem.safety, told)]
@@ -119,12 +119,12 @@ def _belong(trials: Trials, problem: Problem, embedding: Codec | None) -> NDArra
     """(n,) True where the code is the input's, or the input is the code's (see `proposal.realise`)."""
     if embedding is None:
         return same_points(trials.x, trials.z)
-    encoded = same_points(np.asarray(embedding.encode(trials.x), float), trials.z)
-    if encoded.all() or problem.candidates is not None:
-        return encoded
+    of_input = same_points(encoded(embedding, trials.x), trials.z)
+    if of_input.all() or problem.candidates is not None:
+        return of_input
     lower, upper = problem.bounds
-    decoded = np.clip(np.asarray(embedding.decode(trials.z), float), lower, upper)
-    return encoded | ((trials.round > 0) & same_points(decoded, trials.x))
+    inputs = np.clip(decoded(embedding, trials.z), lower, upper)
+    return of_input | ((trials.round > 0) & same_points(inputs, trials.x))
 
 
 def fingerprint(candidates: CandidateSet) -> FloatArray:

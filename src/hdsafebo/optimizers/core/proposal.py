@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdsafebo.errors import ProblemError, TrialError
-from hdsafebo.problem import Codec, MovingCodec, Problem
+from hdsafebo.problem import Codec, MovingCodec, Problem, decoded, encoded
 from hdsafebo.search.space import SearchSpace
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray, IntArray
@@ -86,7 +86,7 @@ def _located(
         return x, encode(embedding, x), proposal.rows
     assert proposal.points is not None, "a proposal has points or rows"
     z = space.to_code(space.pinned(proposal.points))
-    x = z if embedding is None else np.asarray(embedding.decode(z), float)
+    x = z if embedding is None else decoded(embedding, z)
     if candidates is not None:
         rows = candidates.nearest(x, taken)
         x = candidates.inputs(rows)
@@ -118,7 +118,7 @@ def encode(embedding: Codec | None, x: FloatArray, known: ArrayLike | None = Non
     Raises:
         TrialError: the embedding gave codes of another shape, or not finite; or the known ones have one.
     """
-    z = x if embedding is None else np.asarray(embedding.encode(x), float)
+    z = x if embedding is None else encoded(embedding, x)
     if z.ndim != 2 or len(z) != len(x) or not np.isfinite(z).all():
         raise TrialError(
             f"the embedding gave codes of shape {z.shape} for {len(x)} inputs; expected finite (n, d)"

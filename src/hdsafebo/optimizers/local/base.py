@@ -14,6 +14,7 @@ from hdsafebo.gp.surrogate import Beliefs, DistanceCache, Surrogate
 from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.fits import State
 from hdsafebo.optimizers.settings import SafeSetSettings
+from hdsafebo.problem import features_of
 from hdsafebo.search.region import IMPROVEMENT, TrustRegion, TrustRegionRule, safe_update
 from hdsafebo.trials import Trials
 from hdsafebo.typing import FloatArray, IntArray
@@ -46,7 +47,7 @@ class LocalSearch(ABC):
         optimizer = self.optimizer
         if optimizer.problem.features is None:
             return optimizer.space.kernel_inputs(optimizer.space.to_unit(trials.z))
-        return np.asarray(optimizer.problem.features(trials.x), float)
+        return features_of(optimizer.problem, trials.x)
 
     def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
         """What is believed given the completed trials `rows`; see `Optimizer.fit`."""

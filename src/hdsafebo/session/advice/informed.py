@@ -9,6 +9,7 @@ import numpy as np
 from hdsafebo.errors import ParamsError
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.optimizers.settings import SafeSetSettings
+from hdsafebo.problem import encoded
 from hdsafebo.session.advice.methods import make_method, session_method
 from hdsafebo.session.advice.search import Search
 from hdsafebo.session.definition import Definition
@@ -88,7 +89,7 @@ def kernel_inputs(optimizer: Optimizer, search: Search, trials: Sequence[LoggedT
     """(n, p) what the optimiser measures distances between, for the points of trials."""
     inputs = [search.input_of(t.point) for t in trials]
     x = np.vstack([x for x, _ in inputs])
-    z = x if optimizer.embedding is None else np.asarray(optimizer.embedding.encode(x), float)
+    z = x if optimizer.embedding is None else encoded(optimizer.embedding, x)
     rows = np.array([row for _, row in inputs])
     return optimizer.kernel_inputs(Trials.pending(x, z, len(search.space.safety), candidate=rows))
 
