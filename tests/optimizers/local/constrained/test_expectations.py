@@ -1,8 +1,11 @@
 """What was expected is compared with what came, in units that count the noise of an observation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from hdsafebo.gp.warp import Warp
 from hdsafebo.gp.warped_surrogate import SAFETY, WarpedSurrogate, fit_warped_surrogate
 from hdsafebo.optimizers.local.constrained.expectations import Expectations
 
@@ -41,6 +44,17 @@ def test_noise_that_is_known_by_now_explains_earlier_errors() -> None:
     noisy = surrogate(0.1)
     assert np.isinf(noisy.safety[0].outcomes.warp.scale)
     assert made.inflation(noisy.safety)[0] < 2.0
+
+
+def test_noise_explains_earlier_errors_also_under_another_warp() -> None:
+    """The same noise, told by a model of warped outcomes, counts as much."""
+    made = missed_by(20.0)
+    noisy = surrogate(0.1).safety[0]
+    warped = replace(noisy, outcomes=replace(noisy.outcomes, warp=Warp(0.0, 0.5)))
+    value = made.arrays()["errors"][0, 0, -1]
+    slope = 1.0 / np.hypot(value, 0.5)  # of asinh(v / 0.5)
+    same = replace(warped, outcomes=replace(warped.outcomes, unit=noisy.outcomes.unit * slope))
+    assert made.inflation([same])[0] == pytest.approx(made.inflation([noisy])[0])
 
 
 def test_old_errors_are_forgotten() -> None:

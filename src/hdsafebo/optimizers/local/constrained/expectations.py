@@ -26,7 +26,7 @@ _USUAL = 2.0
 _LARGEST = 30.0
 """Beyond, no bound holds anywhere; the next twenty trials could not mend it."""
 _COLUMNS = 7  # centre, scale, shift, unit of the standardisation; mean; variance; noise variance
-_KEPT = 4  # error, variance, noise variance, all in the units of the warped values; scale of the warp
+_KEPT = 5  # error, variance, noise variance, all in the units of the warped values; slope of the warp; value
 
 
 class Expectations:
@@ -49,9 +49,10 @@ class Expectations:
         """
         factors = np.ones(len(safety))
         for j, process in enumerate(safety if len(self._errors) else ()):
-            error, variance, noise, scale = self._errors[:, j].T
-            now = process.noise_variance * process.outcomes.unit**2
-            noise = np.where(scale == process.outcomes.warp.scale, np.maximum(noise, now), noise)
+            error, variance, noise, slope, value = self._errors[:, j].T
+            now = np.array([slope_at(process.outcomes.warp, v) for v in value])
+            present = process.noise_variance * process.outcomes.unit**2 * (slope / now) ** 2
+            noise = np.maximum(noise, present)
             factors[j] = np.max(np.abs(error) / np.sqrt(variance + noise)) / _USUAL
         return np.clip(factors, 1.0, _LARGEST)
 
@@ -92,9 +93,14 @@ class Expectations:
         self._errors = arrays["errors"]
 
 
-def _error(expected: FloatArray, value: float) -> tuple[float, float, float, float]:
+def slope_at(warp: Warp, value: float) -> float:
+    """Derivative of a warp."""
+    return float(np.exp(warp.log_jacobian(np.array([value]))))
+
+
+def _error(expected: FloatArray, value: float) -> tuple[float, float, float, float, float]:
     """What is kept of an observation."""
     centre, scale, shift, unit, mean, variance, noise = (float(v) for v in expected)
     standard = Standard(Warp(centre, scale), shift, unit)
     error = unit * (float(standard.apply(np.array([value]))[0]) - mean)
-    return error, unit**2 * variance, unit**2 * noise, scale
+    return error, unit**2 * variance, unit**2 * noise, slope_at(standard.warp, value), value
