@@ -12,7 +12,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check
 from hdsafebo.bodies.environment import PushedBodyEnv
 from hdsafebo.bodies.model import load_body
 from hdsafebo.bodies.posture import posture_of
-from hdsafebo.bodies.reflex import ReflexGains, gain_ranges, random_gains, reflex
+from hdsafebo.bodies.reflex import ReflexGains, gain_limits, gain_ranges, random_gains, reflex
 from hdsafebo.bodies.simulation import StandingSimulation
 from hdsafebo.errors import ProblemError, UnknownNameError
 
@@ -157,11 +157,24 @@ def test_reflexes_stand_longer_than_the_held_posture() -> None:
     environment = PushedBodyEnv(LEGS)
     holding = posture_of(LEGS).holding
     alone = np.mean([play(environment, holding, np.zeros((80, 38)), seed)["time"] for seed in (1, 2)])
-    gains = random_gains(LEGS, 3, np.random.default_rng(0))
-    reflexes = [
-        np.mean([play(environment, holding, reflex(LEGS, g), seed)["time"] for seed in (1, 2)]) for g in gains
-    ]
+    reflexes = []
+    for gains in random_gains(LEGS, 3, np.random.default_rng(0)):
+        per_observation, constant = reflex(LEGS, gains)
+        reflexes += [play(environment, holding + constant, per_observation, seed)["time"] for seed in (1, 2)]
     assert np.mean(reflexes) > alone
+
+
+def test_a_step_is_worth_one_for_standing_still_and_never_less_than_nothing() -> None:
+    environment = PushedBodyEnv(LEGS, push=0.0)
+    environment.reset(seed=0)
+    rest = (2.0 * posture_of(LEGS).holding - 1.0).astype(np.float32)
+    assert 0.9 < environment.step(rest)[1] <= 1.0
+    environment.reset(seed=0)
+    fallen, rewards = False, []
+    while not fallen:
+        _, reward, fallen, _, _ = environment.step(np.ones(80, np.float32))
+        rewards.append(reward)
+    assert 0.0 <= min(rewards) < max(rewards) < 0.9
 
 
 def test_gains_are_drawn_within_their_ranges() -> None:
@@ -174,12 +187,27 @@ def test_gains_are_drawn_within_their_ranges() -> None:
 
 def test_a_stretch_reflex_opposes_motion() -> None:
     body = load_body(LEGS)
-    gains = ReflexGains(20.0, 1.0, 0.0, 0.0, 0.0, 0.0)
-    torques = posture_of(LEGS).torque.T @ reflex(LEGS, gains)  # per observation
+    gains = ReflexGains(20.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    torques = posture_of(LEGS).torque.T @ reflex(LEGS, gains)[0]  # per observation
     n = len(body.joints)
     strong = np.abs(posture_of(LEGS).torque).sum(axis=0) > 100.0
     assert (np.diag(torques[:, :n])[strong] < 0).all()
     assert (np.diag(torques[:, n : 2 * n])[strong] < 0).all()
+
+
+def test_a_leaning_reflex_does_nothing_where_the_centre_of_mass_is_to_be_held() -> None:
+    per_observation, constant = reflex(LEGS, ReflexGains(20.0, 1.0, 800.0, 0.2, 300.0, 0.3, 0.02))
+    held = np.zeros(38)
+    held[-3] = 0.02  # m backwards
+    np.testing.assert_allclose(per_observation @ held + constant, 0.0, atol=1e-12)
+    assert np.abs(constant).max() > 0.001
+
+
+def test_searches_may_leave_the_ranges_of_random_gains_and_keep_their_signs() -> None:
+    (low, high), (least, most) = gain_ranges(LEGS), gain_limits(LEGS)
+    assert (least < low).all()
+    assert (most > high).all()
+    assert ((least > 0) == (low > 0)).all()
 
 
 @pytest.mark.parametrize(

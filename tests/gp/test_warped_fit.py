@@ -33,6 +33,13 @@ def test_irrelevant_inputs_get_long_length_scales() -> None:
     assert lengths[2:].min() > 4 * lengths[:2].max()
 
 
+def test_the_noise_is_not_less_than_its_least() -> None:
+    x = points(40, 3)
+    y, start = np.sin(3 * x[:, 0]), first_fit(3, ())
+    assert fit_warped(x, y, 0.0, start)[0].log_noise < np.log(1e-4)
+    assert fit_warped(x, y, 0.0, start, least_noise=1e-3)[0].log_noise >= np.log(1e-3) - 1e-9
+
+
 def test_equal_inputs_share_their_length_scale() -> None:
     x = points(40, 6)
     fit, _ = fitted(x, -((x - 0.5) ** 2).sum(axis=1))

@@ -97,9 +97,9 @@ def test_distance_of_features_is_the_difference_of_actions() -> None:
 
 
 def test_fewer_directions_are_the_main_ones() -> None:
-    full, few = problem(directions=5), problem(directions=2, action_directions=1)
+    full, few = problem(directions=5), problem(directions=2)
     assert full.features.matrix.shape == (10, 10)
-    assert few.features.matrix.shape == (2, 10)
+    assert few.features.matrix.shape == (4, 10)
     kept = np.linalg.norm(few.features.matrix) ** 2 / np.linalg.norm(full.features.matrix) ** 2
     assert 0.3 < kept < 1.0
 
@@ -283,6 +283,8 @@ def test_a_raising_environment_is_a_failed_trial_with_its_reason() -> None:
         ("whole", "actions .* have type int64; expected floats"),
         ("nan", "none of 10 initial policies .* gives a result: observation 1 is nan"),
         ("nan_reward", "gives a result: reward is nan after 1 steps"),
+        ("text", "gives a result: ProblemError after 0 steps: observation: '1_0' is text"),
+        ("text_reward", "gives a result: ProblemError after 0 steps: reward: '1_0' is text"),
         ("raises", "gives a result: RuntimeError .* the motor is hot"),
         ("says_so", "gives a result: diverged: out of this world"),
         ("no_seed", "seeds 1 and 2 .* give the same episodes"),
@@ -314,7 +316,8 @@ def no_environment() -> object:
         ({"base": np.zeros(3)}, r"base has shape \(3,\)"),
         ({"unit": 0.0}, "unit has values that are not above 0"),
         ({"directions": 0}, "directions is 0"),
-        ({"action_directions": 3}, "action_directions is 3; expected 1 to 2"),
+        ({"moves": 0}, "moves is 0; expected 1 to 99"),
+        ({"moves": 4, "effects": np.ones((2, 3))}, r"effects have shape \(2, 3\); expected \(q, 2\)"),
         ({"recorded": 0}, "recorded is 0"),
         ({"design": lambda space, n, rng: np.zeros((n, 3))}, r"gave policies of shape \(10, 3\)"),
         ({"arguments": {"wheels": 4}}, "cannot be made with .wheels=4."),

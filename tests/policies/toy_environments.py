@@ -50,14 +50,14 @@ class Point(gym.Env):
         if self.fault == "says_so":
             info["failure"] = "diverged: out of this world"
         fallen = self.fault == "falls" and self.steps == 7
-        reward = np.nan if self.fault == "nan_reward" else -distance
+        reward: Any = {"nan_reward": np.nan, "text_reward": "1_0"}.get(self.fault, -distance)
         return self.seen(), reward, fallen, self.steps >= self.horizon, info
 
     def seen(self) -> np.ndarray:
         values = np.concatenate([self.position, self.speed]).astype(np.float32)
         if self.fault == "nan":
             values[1] = np.nan
-        return values
+        return np.full(4, "1_0") if self.fault == "text" else values
 
     def render(self) -> np.ndarray:
         picture = np.zeros((48, 64, 3), np.uint8)

@@ -28,7 +28,7 @@ _OFFSET = 4
 
 @dataclass(frozen=True)
 class ReflexGains:
-    """Six numbers of a reflex.
+    """Seven numbers of a reflex.
 
     Attributes:
         stiffness: natural frequency of each joint's spring with the inertia that it moves, rad/s.
@@ -37,6 +37,7 @@ class ReflexGains:
         balance_rate: the same per its velocity, in units of `balance`, s.
         sideways: torque of each hip per offset sideways, N m/m.
         sideways_rate: the same per its velocity, in units of `sideways`, s.
+        lean: how far behind where it is in the posture the centre of mass is to be held, m.
     """
 
     stiffness: float
@@ -45,6 +46,7 @@ class ReflexGains:
     balance_rate: float
     sideways: float
     sideways_rate: float
+    lean: float
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
@@ -54,19 +56,21 @@ class ReflexGains:
 
 _RANGES = {
     "myofullbody": (
-        ReflexGains(15.0, 0.8, 250.0, 0.12, -450.0, 0.2),
-        ReflexGains(26.0, 1.2, 500.0, 0.5, -100.0, 0.4),
+        ReflexGains(15.0, 0.6, 250.0, 0.1, -450.0, 0.2, -0.01),
+        ReflexGains(40.0, 1.4, 900.0, 0.5, 450.0, 0.6, 0.02),
     ),
     "myolegs": (
-        ReflexGains(15.0, 0.8, 1500.0, 0.3, -500.0, 0.2),
-        ReflexGains(60.0, 1.2, 4000.0, 0.8, 1200.0, 0.4),
+        ReflexGains(15.0, 0.8, 1500.0, 0.3, -500.0, 0.2, -0.01),
+        ReflexGains(60.0, 1.2, 4000.0, 0.8, 1200.0, 0.4, 0.01),
     ),
 }
 """Gains with which some reflexes of each body stand for a while and others fall."""
+_WIDER = 2.0
+"""Factor by which a search over gains may leave their ranges."""
 
 
 def gain_ranges(body: str) -> FloatArray:
-    """(2, 6) least and largest gains of random reflexes, in the order of `ReflexGains.names`.
+    """(2, 7) least and largest gains of random reflexes, in the order of `ReflexGains.names`.
 
     Raises:
         UnknownNameError: there is no such body.
@@ -76,8 +80,25 @@ def gain_ranges(body: str) -> FloatArray:
     return np.array([astuple(limit) for limit in _RANGES[body]])
 
 
-def reflex(body: str, gains: ReflexGains) -> FloatArray:
-    """(muscles, 2 n + 10) excitations per observation, beyond those that hold the posture."""
+def gain_limits(body: str) -> FloatArray:
+    """(2, 7) least and largest gains of a search, which may leave the ranges of random reflexes.
+
+    Raises:
+        UnknownNameError: there is no such body.
+    """
+    low, high = gain_ranges(body)
+    further = (_WIDER - 1.0) * (high - low) / 2.0
+    positive = low > 0
+    return np.array(
+        [
+            np.where(positive, low / _WIDER, low - further),
+            np.where(positive, high * _WIDER, high + further),
+        ]
+    )
+
+
+def reflex(body: str, gains: ReflexGains) -> tuple[FloatArray, FloatArray]:
+    """(muscles, 2 n + 10) excitations per observation and (muscles,) constant ones, beyond the posture's."""
     posture, joints = posture_of(body), load_body(body).joints
     n = len(joints)
     torques = np.zeros((n, 2 * n + 10))  # N m per observation
@@ -95,7 +116,8 @@ def reflex(body: str, gains: ReflexGains) -> FloatArray:
             row = joints.index(f"{joint}_{side}")
             torques[row, left] += sign * share * gains.sideways
             torques[row, left_rate] += sign * share * gains.sideways * gains.sideways_rate
-    return np.asarray(posture.excitation.T @ torques)
+    per_observation = np.asarray(posture.excitation.T @ torques)
+    return per_observation, -gains.lean * per_observation[:, back]
 
 
 def random_gains(body: str, n: int, rng: np.random.Generator) -> list[ReflexGains]:

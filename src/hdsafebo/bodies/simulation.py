@@ -13,10 +13,10 @@ from hdsafebo.typing import FloatArray
 
 CONTROL_INTERVAL = 0.01
 """s between two actions: 100 Hz."""
-LEAST_HEIGHT = 0.75
-"""Of the pelvis, in units of its height in the posture; below, the body has fallen."""
-MOST_TILT = 0.6
-"""rad; beyond, the body has fallen."""
+LEAST_HEIGHT = 0.9
+"""Of the pelvis, in units of its height in the posture; below, a harness catches the body: it has fallen."""
+MOST_TILT = 0.3
+"""rad; beyond, too. Of 114 bodies that leaned by half of it, none came back (benchmarks/body_inputs.py)."""
 _BAD_STATE = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,

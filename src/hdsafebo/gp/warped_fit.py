@@ -133,7 +133,12 @@ def squared_distances(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def fit_warped(
-    x: FloatArray, y: FloatArray, centre: float, start: WarpedFit, noise: FloatArray | None = None
+    x: FloatArray,
+    y: FloatArray,
+    centre: float,
+    start: WarpedFit,
+    noise: FloatArray | None = None,
+    least_noise: float = 0.0,
 ) -> tuple[WarpedFit, Standard]:
     """Length scales, noise ratio and warp of greatest posterior density.
 
@@ -144,12 +149,14 @@ def fit_warped(
         start: of the last fit; see `first_fit`.
         noise: (n,) known standard deviations of the outcomes, NaN where unknown; the noise ratio is not less
             than their median says.
+        least_noise: least noise ratio, where outcomes are more rugged than a process can be.
     """
     if start.fits and len(y) < _GROWTH * start.fitted_at:
         scale = start.warp_scale
         return replace(start, fits=start.fits + 1), Standard.of(y, Warp(centre, scale))
     thorough = start.fits == 0 or len(y) >= _THOROUGH_GROWTH * start.thorough_at
-    search = _Search(x, y, centre, start, np.full(len(y), np.nan) if noise is None else noise)
+    known = np.full(len(y), np.nan) if noise is None else noise
+    search = _Search(x, y, centre, start, known, least_noise)
     begin = start.theta
     order = search.warps_by_density(begin)
     tried = order[: _TRIED if thorough else 1]
@@ -184,7 +191,13 @@ class _Search:
     """Maximises the posterior density over length scales, noise ratio and warps."""
 
     def __init__(
-        self, x: FloatArray, y: FloatArray, centre: float, start: WarpedFit, noise: FloatArray
+        self,
+        x: FloatArray,
+        y: FloatArray,
+        centre: float,
+        start: WarpedFit,
+        noise: FloatArray,
+        least_noise: float,
     ) -> None:
         self.x = x
         self.standards = {
@@ -196,7 +209,7 @@ class _Search:
             for scale, standard in self.standards.items()
         }
         self.least_noise = {
-            scale: np.clip(standard.variance(y, noise), *_NOISE_LIMITS)
+            scale: max(np.clip(standard.variance(y, noise), *_NOISE_LIMITS), least_noise)
             for scale, standard in self.standards.items()
         }
         self.bounds = [tuple(np.log(LENGTH_LIMITS))] * x.shape[1]

@@ -151,6 +151,7 @@ def fit_warped_surrogate(
     best: float,
     start: WarpedState | None = None,
     noise: FloatArray | None = None,
+    least_noise: float = 0.0,
 ) -> WarpedSurrogate:
     """Fit all processes; nothing inflates their deviations.
 
@@ -163,6 +164,7 @@ def fit_warped_surrogate(
         start: of the last fit.
         noise: (n, 1 + m) known standard deviations of objective and safety values, NaN where unknown. What is
             predicted of a safety function whose noise is known throughout is its next measurement.
+        least_noise: see `fit_warped`.
 
     Raises:
         SurrogateError: a covariance cannot be factorised, or the inputs are not finite.
@@ -179,7 +181,7 @@ def fit_warped_surrogate(
     known = np.full((len(inputs), len(columns)), np.nan) if noise is None else noise
     processes = []
     for j, (y, centre, begin, sd) in enumerate(zip(columns, centres, starts, known.T, strict=True)):
-        fit, outcomes = fit_warped(inputs, y, centre, begin, sd)
+        fit, outcomes = fit_warped(inputs, y, centre, begin, sd, least_noise)
         measured = outcomes.variance(np.full(len(y), centre), sd) if j and np.isfinite(sd).all() else 0.0
         processes.append(WarpedProcess.of(inputs, y, fit, outcomes, measured))
     return WarpedSurrogate(processes[0], tuple(processes[1:]), thresholds, np.ones(len(thresholds)))

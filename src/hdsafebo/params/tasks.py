@@ -151,15 +151,15 @@ class BodyProblem(Block):
         unseen_pushes: seeds of pushes that no trial meets, for the best policies alone.
         horizon: control steps of 10 ms of an episode.
         least_time: that the body must stay up, s.
-        most_load: torque of joint stops and couplings that it must stay below, N m.
+        most_load: torque of joint stops and couplings, over 0.1 s, that it must stay below, N m.
     """
 
     body: Literal["myofullbody", "myolegs"] = "myofullbody"
     pushes: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)] = [1, 4, 9]
     unseen_pushes: list[Annotated[int, Field(ge=0)]] = [101, 102, 103, 104, 105]
     horizon: Count = 500
-    least_time: Positive = 1.7
-    most_load: Positive = 80.0
+    least_time: Positive = 1.4
+    most_load: Positive = 60.0
 
     @model_validator(mode="after")
     def _consistent(self) -> BodyProblem:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from hdsafebo.errors import ProblemError
 from hdsafebo.policies.affine import Normalisation, PolicySpace
 from hdsafebo.policies.environments import action_limits
-from hdsafebo.policies.features import leading, main_actions
+from hdsafebo.policies.features import leading
 from hdsafebo.problem import floats
 from hdsafebo.typing import FloatArray
 
@@ -20,9 +20,6 @@ _BOX_LEAST = 0.03  # for weights that no initial policy uses
 _GRID_STEPS = 512  # of a weight's resolution between 0 and its limit, at least
 _SHARE = 0.95  # of the variance that main directions explain
 _MOST_DIRECTIONS = 12  # a kernel of more has little to say after some hundred trials
-_POLICIES = 40
-_STRIDE = 7
-"""Consecutive observations are much alike: every seventh one of 40 policies' tells main directions."""
 
 
 def checked_seeds(seeds: Sequence[int]) -> tuple[int, ...]:
@@ -79,13 +76,28 @@ def raw_space(environment: Any, base: ArrayLike | None, unit: ArrayLike | None) 
     )
 
 
-def weight_limits(box: ArrayLike | str, drawn: FloatArray) -> FloatArray:
+def checked_effects(effects: ArrayLike | None, space: PolicySpace) -> FloatArray:
+    """(q, k) what a unit of weight of each action does; None takes the weights themselves.
+
+    Raises:
+        ProblemError: another shape, or values that are not finite.
+    """
+    if effects is None:
+        return np.eye(space.actions)
+    given = floats(effects, "effects")
+    if given.ndim != 2 or given.shape[1] != space.actions or not np.isfinite(given).all():
+        raise ProblemError(f"effects have shape {given.shape}; expected (q, {space.actions}) finite numbers")
+    return given * space.unit
+
+
+def weight_limits(box: ArrayLike | str, drawn: FloatArray, moves: FloatArray | None = None) -> FloatArray:
     """(2, D) limits of the weights.
 
     Args:
-        box: a number or (D,) numbers, or "design": 1.5 times the largest weights of initial policies, at
-            least 0.03.
+        box: a number or (D,) numbers, or "design": 1.5 times the largest weights of initial policies, and of
+            moves as long as they differ by along any of them; at least 0.03.
         drawn: (n, D) initial policies.
+        moves: (r, D) directions that policies are moved along.
 
     Raises:
         ProblemError: another shape or word, or limits that are not finite and above 0.
@@ -94,7 +106,10 @@ def weight_limits(box: ArrayLike | str, drawn: FloatArray) -> FloatArray:
     if isinstance(box, str):
         if box != "design":
             raise ProblemError(f"box is {box!r}; expected a number, ({d},) numbers or 'design'")
-        limit = np.maximum(_BOX_FACTOR * np.abs(drawn).max(axis=0), _BOX_LEAST)
+        largest = np.abs(drawn).max(axis=0)
+        if moves is not None:
+            largest = np.maximum(largest, _longest(drawn, moves) * np.abs(moves).max(axis=0))
+        limit = np.maximum(_BOX_FACTOR * largest, _BOX_LEAST)
         return np.stack([-limit, limit])
     try:
         limit = np.broadcast_to(floats(box, "box"), (d,))
@@ -103,6 +118,12 @@ def weight_limits(box: ArrayLike | str, drawn: FloatArray) -> FloatArray:
     if not (np.isfinite(limit).all() and (limit > 0).all()):
         raise ProblemError("box has limits that are not finite and above 0")
     return np.stack([-limit, limit])
+
+
+def _longest(drawn: FloatArray, moves: FloatArray) -> float:
+    """How far (n, D) policies lie from their mean along any of (r, D) moves."""
+    along = np.linalg.lstsq(moves.T, (drawn - drawn.mean(axis=0)).T, rcond=None)[0]
+    return float(np.abs(along).max())
 
 
 def on_a_grid(limits: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -117,23 +138,3 @@ def main_directions(seen: FloatArray) -> int:
     values, _ = leading(seen.T @ seen / len(seen), seen.shape[1])
     shares = np.cumsum(values) / values.sum()
     return min(int(np.searchsorted(shares, _SHARE)) + 1, _MOST_DIRECTIONS)
-
-
-def action_axes(count: int | None, drawn: FloatArray, seen: FloatArray, actions: int) -> FloatArray:
-    """(k, q) directions of actions that behaviour features keep.
-
-    Args:
-        count: q, the main directions in which initial policies differ; None keeps all k actions.
-        drawn: (n, D) initial policies.
-        seen: (m, o + 1) recorded normalised observations.
-        actions: k.
-
-    Raises:
-        ProblemError: count is not between 1 and k.
-    """
-    if count is None:
-        return np.eye(actions)
-    if not 1 <= count <= actions:
-        raise ProblemError(f"action_directions is {count}; expected 1 to {actions}")
-    policies = drawn[:_POLICIES].reshape(-1, actions, seen.shape[1])
-    return main_actions(seen[::_STRIDE], policies, count)

@@ -37,13 +37,14 @@ from hdsafebo.policies.episode import Episode
 from hdsafebo.policies.evaluation import play_all
 from hdsafebo.policies.features import behaviour_features
 from hdsafebo.policies.making import (
-    action_axes,
+    checked_effects,
     checked_seeds,
     main_directions,
     on_a_grid,
     raw_space,
     weight_limits,
 )
+from hdsafebo.policies.moves import main_moves, move_features
 from hdsafebo.policies.policy_file import check_same_space, load_policy, save_policy
 from hdsafebo.policies.recording import check_seeds, checked_observations, recorded_observations
 from hdsafebo.policies.safety import EpisodeSafety
@@ -84,7 +85,11 @@ class GymnasiumPolicies(Problem):
         directions: main directions of observations that behaviour features keep; None keeps those with 95 %
             of the recorded observations' second moment, at most 12. What they leave out, `hdsafebo_local`
             searches as an evolution strategy does.
-        action_directions: main directions of actions that they keep; None keeps all actions.
+        moves: number of main ways in which 100 initial policies differ, which the kernel sees in place of
+            those features; for a design that has few, as reflexes with random gains. `hdsafebo_local` leaves
+            all else as it is.
+        effects: (q, k) what a unit of each action does, such as joint torques, by which `moves` measures how
+            much policies differ; None takes the actions themselves.
         recorded: number of initial policies that are played to record observations; or (n, o) observations
             that were recorded before, which are not checked again.
         recording_seed: of their draw.
@@ -117,7 +122,8 @@ class GymnasiumPolicies(Problem):
         design: Design | None = None,
         box: ArrayLike | Literal["design"] = 1.0,
         directions: int | None = None,
-        action_directions: int | None = None,
+        moves: int | None = None,
+        effects: ArrayLike | None = None,
         recorded: int | FloatArray = 10,
         recording_seed: int = 0,
         name: str | None = None,
@@ -148,12 +154,18 @@ class GymnasiumPolicies(Problem):
         self.policies = replace(self.policies, normalisation=normalisation)
         self.recorded = normalisation(self.observations)
         drawn = self._drawn(_DRAWS, np.random.default_rng([recording_seed, 1]))
-        self.bounds = in_single_precision(weight_limits(box, drawn))
+        along = None
+        if moves is not None:
+            done = checked_effects(effects, self.policies)
+            along = main_moves(drawn, done, self.recorded, moves)
+        self.bounds = in_single_precision(weight_limits(box, drawn, along))
         if self.policies.dimension > _MANY_WEIGHTS:
             self.bounds, self.resolution = on_a_grid(self.bounds)
-        axes = action_axes(action_directions, drawn, self.recorded, self.policies.actions)
-        kept = main_directions(self.recorded) if directions is None else directions
-        self.features = behaviour_features(self.recorded, kept, axes, self.policies.actions)
+        if along is None:
+            kept = main_directions(self.recorded) if directions is None else directions
+            self.features = behaviour_features(self.recorded, kept, self.policies.actions)
+        else:
+            self.features = move_features(along, self.bounds[1] - self.bounds[0])
         check_problem(self)
 
     # --- what an optimiser asks

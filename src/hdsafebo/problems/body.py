@@ -2,20 +2,22 @@
 
 Objective: mean return over fixed pushes. Safety functions, the least of the pushes:
 
-* `stands`: how much longer the body stays up than 1.7 s, as a share of the episode;
-* `joint_load`: how far the largest torque of joint stops and couplings stays below 80 N m.
+* `stands`: how much longer the body stays up than 1.4 s, as a share of the episode;
+* `joint_load`: how far the torque of joint stops and couplings stays below 60 N m, in the mean over 0.1 s.
+  Peaks are shorter than that, and as irregular as contacts are.
 
 Both are computed from the episode alone. Initial policies are stretch and balance reflexes with random gains
-about the muscle excitations that hold the posture; a third of them is unsafe, and none stands for 5 s.
+about the muscle excitations that hold the posture; about a quarter of them is unsafe, and none stands for 5 s
+after all pushes.
 
 All weights are searched, or in their place the weights over joint-torque synergies (the space `torques`) or
-the six gains of the reflex (`gains`). A stage records once what reflexes observe, from which normalisation
+the seven gains of the reflex (`gains`). A stage records once what reflexes observe, from which normalisation
 and kernel features follow for every run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from zipfile import BadZipFile
@@ -33,7 +35,12 @@ from hdsafebo.policies.safety import EpisodeSafety, budget, lasts
 from hdsafebo.policies.synergies import ActionSynergies
 from hdsafebo.problem import Codec
 from hdsafebo.problems.knowledge import TaskKnowledge
-from hdsafebo.problems.reflexes import EXCITATION_UNIT, ReflexDesign, ReflexGainsProblem, as_action
+from hdsafebo.problems.reflexes import (
+    EXCITATION_UNIT,
+    ReflexDesign,
+    ReflexGainsProblem,
+    as_action,
+)
 from hdsafebo.problems.registry import Task
 from hdsafebo.typing import FloatArray
 
@@ -41,14 +48,17 @@ PUSHES = (1, 4, 9)
 """Seeds of the evaluation pushes: forwards to the right, forwards, forwards to the left; 0.09 to 0.17 m/s."""
 UNSEEN_PUSHES = (101, 102, 103, 104, 105)
 """Seeds of pushes that no trial meets."""
-LEAST_TIME = 1.7
+LEAST_TIME = 1.4
 """s."""
-MOST_LOAD = 80.0
+MOST_LOAD = 60.0
 """N m."""
+_SUSTAINED = round(0.1 / CONTROL_INTERVAL)
+"""Control steps over which a load counts."""
 ENVIRONMENTS = {"myofullbody": "hdsafebo/PushedBody-v0", "myolegs": "hdsafebo/PushedLegs-v0"}
 RECORDED_FILE = "data/body/observations.npz"
 RECORDED_REFLEXES = 8
-_DIRECTIONS = 8
+_MOVES = 8
+"""Main ways in which reflexes differ: they have seven gains, some of which have limits."""
 
 
 def body_policies(
@@ -68,7 +78,7 @@ def body_policies(
         pushes: seeds of the pushes that every trial meets.
         horizon: control steps of 10 ms.
         least_time: that the body must stay up, s.
-        most_load: torque of joint stops and couplings that it must stay below, N m.
+        most_load: torque of joint stops and couplings, over 0.1 s, that it must stay below, N m.
         recorded: number of reflexes that are played to record observations, or recorded observations.
         executor: see `GymnasiumPolicies`.
     """
@@ -82,8 +92,8 @@ def body_policies(
         unit=EXCITATION_UNIT,
         design=ReflexDesign(body),
         box="design",
-        directions=_DIRECTIONS,
-        action_directions=_DIRECTIONS,
+        moves=_MOVES,
+        effects=posture_of(body).torque.T / EXCITATION_UNIT,
         recorded=recorded,
         name=f"body_{body}",
         executor=executor,
@@ -99,8 +109,16 @@ def safety_functions(least_time: float, most_load: float) -> list[EpisodeSafety]
     """Those of the task, in physical units: seconds and N m."""
     return [
         lasts(round(least_time / CONTROL_INTERVAL), name="stands"),
-        budget("joint_load", most_load, reduce=max),
+        budget("joint_load", most_load, reduce=sustained),
     ]
+
+
+def sustained(loads: Iterable[float]) -> float:
+    """Largest mean of (n,) consecutive loads over 0.1 s; of a shorter episode, the mean."""
+    values = np.array([*loads], float)
+    if len(values) <= _SUSTAINED:
+        return float(values.mean()) if len(values) else 0.0
+    return float(np.convolve(values, np.full(_SUSTAINED, 1.0 / _SUSTAINED), "valid").max())
 
 
 def make_task(name: str, params: Params, *, seed: int, root: Path) -> Task:
@@ -165,10 +183,10 @@ def _knowledge(settings: BodyProblem, policies: GymnasiumPolicies) -> TaskKnowle
     joints = len(posture_of(settings.body).inertia)
     over_torques, all_weights = joints * (policies.policies.observations + 1), policies.policies.dimension
     return TaskKnowledge(
-        latent_space=f"{over_torques:,} weights over {joints} joint-torque synergies, or the six gains of a "
-        f"reflex, for methods whose names say so; the others search all {all_weights:,} weights",
-        kernel_features=f"muscle excitations along {_DIRECTIONS} main directions, at the {_DIRECTIONS} main "
-        "directions of recorded observations",
+        latent_space=f"{over_torques:,} weights over {joints} joint-torque synergies, or the seven gains of "
+        f"a reflex, for methods whose names say so; the others search all {all_weights:,} weights",
+        kernel_features=f"the {len(policies.features.matrix)} main ways in which joint torques of 100 random "
+        "reflexes differ over recorded observations",
         safety=", ".join(function.name for function in policies.safety),
         extra_trials=f"{RECORDED_REFLEXES} random reflexes, each played once per push, of which the "
         "observations are used",

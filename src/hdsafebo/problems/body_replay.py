@@ -12,7 +12,7 @@ from hdsafebo.params import BodyProblem, Space
 from hdsafebo.pictures.offscreen import Picture
 from hdsafebo.policies import GymnasiumPolicies
 from hdsafebo.policies.episode import Episode
-from hdsafebo.problems.body import torque_synergies
+from hdsafebo.problems.body import sustained, torque_synergies
 from hdsafebo.problems.reflexes import ReflexGainsProblem
 from hdsafebo.typing import FloatArray
 
@@ -29,7 +29,7 @@ class Outcome:
 
     Attributes:
         seconds: time until the fall, or the whole episode, per push.
-        loads: largest torque of joint stops and couplings per push, N m.
+        loads: largest torque of joint stops and couplings over 0.1 s, per push, N m.
         total: mean return.
         failure: why a simulation failed, or None.
     """
@@ -69,7 +69,7 @@ def outcome_of(policies: GymnasiumPolicies, weights: FloatArray, pushes: Sequenc
 
 
 def _load(episode: Episode) -> float:
-    return max((float(info["joint_load"]) for info in episode.infos), default=0.0)
+    return sustained(float(info["joint_load"]) for info in episode.infos)
 
 
 def strip(frames: Sequence[Picture]) -> Picture:

@@ -1,4 +1,4 @@
-"""Reflexes as policies: the initial design of a standing body, and their six gains to search.
+"""Reflexes as policies: the initial design of a standing body, and their seven gains to search.
 
 The gains are what a careful person would tune by hand. A search over them alone is the control for a search
 over all weights.
@@ -11,7 +11,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from hdsafebo.bodies.posture import posture_of
-from hdsafebo.bodies.reflex import ReflexGains, gain_ranges, random_gains, reflex
+from hdsafebo.bodies.reflex import ReflexGains, gain_limits, random_gains, reflex
 from hdsafebo.policies import GymnasiumPolicies
 from hdsafebo.policies.affine import PolicySpace
 from hdsafebo.problem import Problem, check_problem
@@ -20,10 +20,6 @@ from hdsafebo.typing import FloatArray, IntArray
 
 EXCITATION_UNIT = 2.0
 """Actions span [-1, 1] and excitations [0, 1]: with it, weights are in units of excitation."""
-_TONE_SPREAD = 0.2
-"""Of the logarithm of the excitations about which random reflexes act."""
-_JITTER = 0.01
-"""Length of the random weights of a muscle, so that policies differ in every weight."""
 
 
 @dataclass(frozen=True)
@@ -37,20 +33,12 @@ class ReflexDesign:
     body: str
 
     def __call__(self, space: PolicySpace, n: int, rng: np.random.Generator) -> FloatArray:
-        """(n, D) weights of n reflexes, with a little noise in every weight."""
-        return np.stack([self._one(space, rng) for _ in range(n)])
-
-    def _one(self, space: PolicySpace, rng: np.random.Generator) -> FloatArray:
-        [gains] = random_gains(self.body, 1, rng)
-        holding = posture_of(self.body).holding
-        tone = holding * np.exp(_TONE_SPREAD * rng.standard_normal(len(holding)))
-        weights = space.weights_of(EXCITATION_UNIT * reflex(self.body, gains), as_action(tone))
-        columns = space.observations + 1
-        return weights + _JITTER / np.sqrt(columns) * rng.standard_normal(len(weights))
+        """(n, D) weights of n reflexes about the excitations that hold the posture."""
+        return np.stack([reflex_weights(space, self.body, one) for one in random_gains(self.body, n, rng)])
 
 
 class ReflexGainsProblem(Problem):
-    """The six gains of a reflex in place of all weights: what a careful person would tune.
+    """The seven gains of a reflex in place of all weights: what a careful person would tune.
 
     Args:
         policies: the problem of the body, which plays and judges.
@@ -63,7 +51,7 @@ class ReflexGainsProblem(Problem):
         self.policies, self.body = policies, body
         self.name = f"{policies.name}_gains"
         self.safety = policies.safety
-        self.bounds = gain_ranges(body)
+        self.bounds = gain_limits(body)
         check_problem(self)
 
     def evaluate(self, trials: Trials) -> Evaluation:
@@ -77,9 +65,15 @@ class ReflexGainsProblem(Problem):
         return np.array([astuple(one) for one in gains]), np.full(n, -1)
 
     def weights(self, gains: FloatArray) -> FloatArray:
-        """(D,) weights of the reflex with (6,) gains, about the excitations that hold the posture."""
-        gain = EXCITATION_UNIT * reflex(self.body, ReflexGains(*np.asarray(gains, float).tolist()))
-        return self.policies.policies.weights_of(gain, as_action(posture_of(self.body).holding))
+        """(D,) weights of the reflex with (7,) gains."""
+        given = ReflexGains(*np.asarray(gains, float).tolist())
+        return reflex_weights(self.policies.policies, self.body, given)
+
+
+def reflex_weights(space: PolicySpace, body: str, gains: ReflexGains) -> FloatArray:
+    """(D,) weights of a reflex about the excitations that hold the posture."""
+    per_observation, constant = reflex(body, gains)
+    return space.weights_of(EXCITATION_UNIT * per_observation, as_action(posture_of(body).holding + constant))
 
 
 def as_action(excitation: FloatArray) -> FloatArray:

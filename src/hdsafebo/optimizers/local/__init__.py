@@ -5,8 +5,9 @@
 | a finite candidate set | Thompson sampling over regions of rows | `rows` |
 | a box with steps, choices, linear constraints or contexts | Thompson sampling over a pool | `pools` |
 | a box of up to 100 inputs, the inputs themselves | constrained ascents of warped models | `constrained` |
+| up to 100 features, in which alone initial trials differ | the same, of the features | `constrained` |
 | codes of an embedding, or through features | ascents of an isotropic model | `ascents` |
-| the same, where features hide directions | ascents and random steps | `hidden` |
+| features that hide directions in which initial trials differ | ascents and random steps | `hidden` |
 
 A box of more than 100 inputs is left to `ascents`, and so is any box from the first failed trial on, where
 failures teach: warped models have no place for a failure. `optimizer` makes the search and asks it; `base`

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from hdsafebo.errors import ParamsError
@@ -13,17 +14,21 @@ from hdsafebo.optimizers.base import Optimizer, Proposal
 from hdsafebo.optimizers.core.fits import State
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.base import LocalSearch, SearchingOptimizer
+from hdsafebo.optimizers.local.constrained.chart import OwnInputs, VisibleSteps
 from hdsafebo.optimizers.local.constrained.search import ConstrainedSearch
 from hdsafebo.optimizers.local.hidden import HiddenSearch
 from hdsafebo.optimizers.local.pools import PoolSearch
 from hdsafebo.optimizers.local.restarts import Restarts
 from hdsafebo.optimizers.local.rows import RowSearch
 from hdsafebo.optimizers.local.settings import HdSafeBOLocalSettings, RestartSettings
+from hdsafebo.search.row_space import RowSpace
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import IntArray
 
 _MOST_INPUTS = 100
 """Beyond, steps of SLSQP, whose work grows with the cube of their number, take most of a round."""
+_HIDDEN = 0.2
+"""Of the length of the steps between initial trials, what features may hide: rounding and small change."""
 
 
 class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
@@ -57,7 +62,8 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
         if not self._continuous:
             return PoolSearch(self, metric)
         if self._constrained():
-            return ConstrainedSearch(self)
+            own = self._searches_inputs()
+            return ConstrainedSearch(self, OwnInputs(self) if own else VisibleSteps(metric, self))
         search = HiddenSearch(self, metric) if metric.hides_directions else AscentSearch(self, metric)
         self._restarts = Restarts(search, self.settings.restarts or RestartSettings())
         return search
@@ -66,7 +72,7 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
     def search(self) -> LocalSearch:
         """The search; the constrained one ends with the first failure that teaches."""
         if self._search is not None and isinstance(self._search, ConstrainedSearch) != self._constrained():
-            self._search = None
+            self._search, self._features = None, None
         return super().search
 
     def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
@@ -83,12 +89,28 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
     def _constrained(self) -> bool:
         """Whether the constrained search can do it: its models have no place for a failure."""
         failed = self.problem.failures_teach and bool((self.trials.status == Status.FAILED).any())
-        return self._continuous and self._searches_inputs() and not failed
+        return self._continuous and not failed and (self._searches_inputs() or self._hides_nothing())
 
     def _searches_inputs(self) -> bool:
         """Whether a length scale per input makes sense: inputs are the problem's own, and not too many."""
         own = self.embedding is None and self.problem.features is None
         return own and self.space.dimension <= _MOST_INPUTS
+
+    def _hides_nothing(self) -> bool:
+        """Whether initial trials differ in what kernel inputs see alone, where that is few numbers.
+
+        Then nothing is known of the directions that features hide, and steps along them are noise.
+        """
+        matrix = self.metric.matrix
+        if self.problem.features is None or matrix.ndim == 1 or len(matrix) > _MOST_INPUTS:
+            return False
+        if not self.metric.hides_directions:
+            return False
+        known = self.space.to_unit(self.trials.z[self.trials.initial])
+        steps = known - known.mean(axis=0) if len(known) else known
+        rows = RowSpace.of(self.metric)
+        hidden = steps - steps @ rows.basis.T @ rows.basis
+        return rows.rank == len(matrix) and np.linalg.norm(hidden) < _HIDDEN * np.linalg.norm(steps)
 
     def propose(self, n: int) -> Proposal:
         """What the search proposes; a single trial may begin the next climb instead."""

@@ -35,6 +35,7 @@ class Batch:
         posteriors: of all functions; the objective is told its own mean at points that are chosen or open.
         candidates: (k, d).
         rng: source of randomness.
+        limits: least and largest coordinate.
         chosen: points so far.
     """
 
@@ -43,6 +44,7 @@ class Batch:
     posteriors: Posteriors
     candidates: FloatArray
     rng: np.random.Generator
+    limits: tuple[float, float]
     chosen: list[FloatArray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -57,7 +59,7 @@ class Batch:
         for share in _SHORTER:
             steps = self.rng.standard_normal((_DIRECTIONS, len(self.incumbent)))
             steps *= share * distance / np.linalg.norm(steps, axis=1, keepdims=True)
-            points = np.clip(self.incumbent + steps, 0.0, 1.0)
+            points = np.clip(self.incumbent + steps, *self.limits)
             points = points[self.margins.hold(self.posteriors, points)]
             if len(points):
                 mean, deviation = self.posteriors.over(points, SAFETY)
@@ -72,7 +74,7 @@ class Batch:
             kappa: at first; it grows while the ascent ends where something is known.
             reach: half side of the box of this ascent.
         """
-        lower, upper = np.maximum(0.0, self.incumbent - reach), np.minimum(1.0, self.incumbent + reach)
+        lower, upper = _box(self.incumbent, reach, self.limits)
         inside = self._safe[(np.abs(self._safe - self.incumbent) <= reach + 1e-12).all(axis=1)]
         mean, deviation = (v[0] for v in self.posteriors.over(inside, slice(1)))
         starts = [self.incumbent]
@@ -103,8 +105,18 @@ class Batch:
         self.posteriors = self.posteriors.believing(point[None])
 
 
+def _box(middle: FloatArray, half: float, limits: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+    """Corners (d,) of a box of a half side around a point, within limits."""
+    return np.maximum(limits[0], middle - half), np.minimum(limits[1], middle + half)
+
+
 def candidates_around(
-    incumbent: FloatArray, good: FloatArray, near: float, box: float, rng: np.random.Generator
+    incumbent: FloatArray,
+    good: FloatArray,
+    near: float,
+    box: float,
+    limits: tuple[float, float],
+    rng: np.random.Generator,
 ) -> FloatArray:
     """(k, d) points: good ones, uniform ones in a box, steps from good ones, and steps along some axes.
 
@@ -113,10 +125,11 @@ def candidates_around(
         good: (g, d) the best trials.
         near: half side of the present region; steps are at most that long.
         box: half side of the box of the uniform ones.
+        limits: least and largest coordinate.
         rng: source of randomness.
     """
     d, m = len(incumbent), _CANDIDATES // 3
-    lower, upper = np.maximum(0.0, incumbent - box), np.minimum(1.0, incumbent + box)
+    lower, upper = _box(incumbent, box, limits)
 
     def length() -> FloatArray:
         return near * np.exp(rng.uniform(np.log(_NEAREST), np.log(_FARTHEST), (m, 1)))

@@ -1,4 +1,4 @@
-"""Search of the inputs themselves: constrained ascents of warped models in a safe set that heeds its errors.
+"""Search of inputs, or of what kernel inputs see: constrained ascents in a safe set that heeds its errors.
 
 A round, in five steps:
 
@@ -35,6 +35,7 @@ from hdsafebo.optimizers.core.fits import State, known_noise
 from hdsafebo.optimizers.local.base import RegionSearch, SearchingOptimizer
 from hdsafebo.optimizers.local.constrained.ascent import SafeMargins
 from hdsafebo.optimizers.local.constrained.batch import Batch, candidates_around
+from hdsafebo.optimizers.local.constrained.chart import Chart
 from hdsafebo.optimizers.local.constrained.expectations import Expectations
 from hdsafebo.search.region import TrustRegionRule, safe_update
 from hdsafebo.trials import Status, Trials
@@ -63,6 +64,10 @@ _FAR = 2.0
 class ConstrainedSearch(RegionSearch):
     """See the module.
 
+    Args:
+        optimizer: see `RegionSearch`.
+        chart: the coordinates that are searched.
+
     Attributes:
         expectations: what was expected of asked trials, and the last errors.
     """
@@ -70,9 +75,9 @@ class ConstrainedSearch(RegionSearch):
     # Half sides of the box, in sides of the cube.
     rule = TrustRegionRule(initial=0.1, least=0.005, most=1.0, successes=1, failures=1, restart=False)
 
-    def __init__(self, optimizer: SearchingOptimizer) -> None:
+    def __init__(self, optimizer: SearchingOptimizer, chart: Chart) -> None:
         super().__init__(optimizer)
-        self.active = np.flatnonzero(optimizer.space.width > 0)
+        self.chart = chart
         self.expectations = Expectations(sum(s.modelled for s in optimizer.problem.safety))
         self._best = -np.inf
         self._stalled = 0
@@ -87,8 +92,8 @@ class ConstrainedSearch(RegionSearch):
         return surrogate
 
     def kernel_inputs(self, trials: Trials) -> FloatArray:
-        """(n, d') coordinates in the unit cube, without dimensions that do not vary."""
-        return self.optimizer.space.to_unit(trials.z)[:, self.active]
+        """(n, r) coordinates of the chart."""
+        return self.chart.coordinates(trials)
 
     def fit(self, rows: IntArray, start: State | None, cache: DistanceCache) -> Beliefs:
         """Warped processes; the objective's warp is centred at the best feasible value."""
@@ -97,13 +102,14 @@ class ConstrainedSearch(RegionSearch):
         feasible = self.optimizer.feasible[rows]
         values = trials.objective[feasible] if feasible.any() else trials.objective
         surrogate = fit_warped_surrogate(
-            self.kernel_inputs(trials),
+            self.optimizer.inputs_of(rows),
             trials.objective,
             modelled_safety(functions, trials.safety),
             modelled_thresholds(functions),
             best=float(values.max()),
             start=start,
             noise=known_noise(self.optimizer.problem, trials.noise, True),
+            least_noise=self.chart.least_noise,
         )
         return replace(surrogate, inflation=self.expectations.inflation(surrogate.safety))
 
@@ -146,18 +152,25 @@ class ConstrainedSearch(RegionSearch):
         model, trials = self.model, self.trials
         rows = self.optimizer.rows_to_fit()
         at = np.flatnonzero(rows == row)
-        inputs = np.clip(self.kernel_inputs(trials), 0.0, 1.0)
+        chart = self.chart
+        inputs = np.clip(self.optimizer.inputs_of(np.arange(len(trials))), chart.low, chart.high)
         open_trials = (trials.status == Status.PENDING) | (trials.status == Status.FAILED)
         good = self.best_first(self.own)[:_CENTRES]
-        box = 1.0 if self._stuck(n) else self.region.length
+        box = chart.high - chart.low if self._stuck(n) else self.region.length
         return Batch(
             inputs[row],
             self._margins(int(at[0])),
             model.posteriors.believing(inputs[open_trials]),
             candidates_around(
-                inputs[row], inputs[good if len(good) else [row]], self.region.length, box, self.rng
+                inputs[row],
+                inputs[good if len(good) else [row]],
+                self.region.length,
+                box,
+                (chart.low, chart.high),
+                self.rng,
             ),
             self.rng,
+            (chart.low, chart.high),
         )
 
     def _margins(self, at: int) -> SafeMargins:
@@ -175,7 +188,7 @@ class ConstrainedSearch(RegionSearch):
 
     def _probes(self, n: int) -> FloatArray:
         """Distances of the probes, those of single trials as if they were a batch."""
-        known = self.kernel_inputs(self.trials[self.trials.initial])
+        known = self.optimizer.inputs_of(np.flatnonzero(self.trials.initial))
         typical = float(np.median(pdist(known))) if len(known) > 1 else 0.0
         return np.geomspace(*_PROBES, max(n, _BATCH)) * (typical or 1.0)
 
@@ -188,19 +201,19 @@ class ConstrainedSearch(RegionSearch):
         kappa = _KAPPAS[place] if place < len(_KAPPAS) else _KAPPAS[-1] * self.rng.random()
         if place == 0 or not self._stuck(n):
             return kappa, self.region.length
-        return _FAR * max(kappa, 0.5), 1.0
+        return _FAR * max(kappa, 0.5), self.chart.high - self.chart.low
 
     def _finish(self, batch: Batch, n: int) -> Proposal:
         """The proposal; what is missing are the most probably safe candidates."""
-        chosen = np.array(batch.chosen).reshape(-1, len(self.active))
+        chosen = np.array(batch.chosen).reshape(-1, self.chart.dimension)
         points = chosen if len(chosen) == n else np.concatenate([chosen, batch.others(n - len(chosen))])
         policy = self.optimizer.settings.empty_safe_set
         rows = complete_batch(np.arange(len(chosen)), n, points, self.model, policy)
         marked = ~(batch.margins.hold(batch.posteriors, points[rows]) | (rows < len(chosen)))
         ids = len(self.trials) + np.arange(len(rows))
         self.expectations.expect(ids, points[rows], self.model)
-        full = np.zeros((len(rows), self.optimizer.space.dimension))
-        full[:, self.active] = points[rows]
+        incumbent = self.optimizer.space.to_unit(self.trials.z[[self.optimizer.centre_row()]])[0]
+        full = self.chart.points(points[rows], np.clip(incumbent, 0.0, 1.0))
         return Proposal(full, trust_region_length=self.region.length, marked_unsafe=marked)
 
     def finish_round(self, trials: Trials) -> None:
@@ -218,10 +231,13 @@ class ConstrainedSearch(RegionSearch):
         self._best = float(best)
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """With expectations, and how long nothing was gained."""
+        """With expectations and chart, and how long nothing was gained."""
         state, _ = super().state()
         best = float(self._best) if np.isfinite(self._best) else None
-        return state | {"best": best, "stalled": self._stalled}, self.expectations.arrays()
+        return state | {
+            "best": best,
+            "stalled": self._stalled,
+        }, self.expectations.arrays() | self.chart.arrays()
 
     def restore(self, state: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take back what `state` gave."""
@@ -229,3 +245,4 @@ class ConstrainedSearch(RegionSearch):
         self._best = -np.inf if state["best"] is None else state["best"]
         self._stalled = state["stalled"]
         self.expectations.restore(arrays)
+        self.chart.restore(arrays)
