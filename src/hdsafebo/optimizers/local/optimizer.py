@@ -53,6 +53,7 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
                 "candidate set, points that cannot be run, or contexts"
             )
         self._restarts: Restarts | None = None
+        self._seen: tuple[bytes, bool] | None = None
 
     def make_search(self) -> LocalSearch:
         """The one that suits the problem and the searched space."""
@@ -106,11 +107,16 @@ class HdSafeBOLocal(SearchingOptimizer[HdSafeBOLocalSettings]):
             return False
         if not self.metric.hides_directions:
             return False
-        known = self.space.to_unit(self.trials.z[self.trials.initial])
-        steps = known - known.mean(axis=0) if len(known) else known
-        rows = RowSpace.of(self.metric)
-        hidden = steps - steps @ rows.basis.T @ rows.basis
-        return rows.rank == len(matrix) and np.linalg.norm(hidden) < _HIDDEN * np.linalg.norm(steps)
+        initial = np.flatnonzero(self.trials.initial)
+        if len(initial) == 0:
+            return False
+        key = len(initial).to_bytes(8) + self.trials.z[initial[-1]].tobytes()  # asked for many times a round
+        if self._seen is None or self._seen[0] != key:
+            known = self.space.to_unit(self.trials.z[initial])
+            steps, rows = known - known.mean(axis=0), RowSpace.of(self.metric)
+            hidden = np.linalg.norm(steps - steps @ rows.basis.T @ rows.basis)
+            self._seen = key, rows.rank == len(matrix) and bool(hidden < _HIDDEN * np.linalg.norm(steps))
+        return self._seen[1]
 
     def propose(self, n: int) -> Proposal:
         """What the search proposes; a single trial may begin the next climb instead."""
