@@ -18,10 +18,10 @@ from hdsafebo.typing import FloatArray
 
 _BEYOND = 2.0
 """Sides of the cube of the initial trials that a search of kernel inputs may leave it by."""
-_RUGGED = 0.01
+_RUGGED = 1e-3
 """Least noise ratio there: features are what many numbers have in common, and outcomes are of all of them.
-Without it, what differs between neighbours makes length scales short. Of ratios from 0 to 0.03 it predicts
-the next trials best."""
+Without it, what differs between neighbours makes length scales short. With ten times as much, the next trials
+of the body are predicted better, and a few of them are unsafe (development seeds)."""
 _FEW = 0.005
 """Of the largest range of all kernel inputs; less is none."""
 
