@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from hdsafebo.errors import ProblemError
+from hdsafebo.policies.affine import Normalisation, PolicySpace
+from hdsafebo.policies.making import checked_effects
 from hdsafebo.policies.moves import behaviours, main_moves, move_features
 
 EFFECTS = np.random.default_rng(5).normal(size=(6, 4))
@@ -49,6 +51,20 @@ def test_features_are_coordinates_along_moves_and_their_steps_are_the_moves() ->
     in_the_cube = features.matrix * width
     shortest = np.linalg.pinv(in_the_cube).T * width  # (3, 12): the least steps in the cube, as weights
     np.testing.assert_allclose(shortest, moves, atol=1e-9)
+
+
+def test_effects_are_of_a_unit_of_weight() -> None:
+    space = PolicySpace(
+        np.full(2, -4.0),
+        np.full(2, 4.0),
+        np.zeros(2),
+        np.array([1.0, 3.0]),
+        Normalisation.none(2),
+        (2,),
+        (2,),
+    )
+    np.testing.assert_array_equal(checked_effects(None, space), [[1.0, 0.0], [0.0, 3.0]])
+    np.testing.assert_array_equal(checked_effects([[1.0, 2.0]], space), [[1.0, 6.0]])
 
 
 def test_what_has_no_moves_is_refused(seen: np.ndarray) -> None:

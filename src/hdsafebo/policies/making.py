@@ -77,14 +77,12 @@ def raw_space(environment: Any, base: ArrayLike | None, unit: ArrayLike | None) 
 
 
 def checked_effects(effects: ArrayLike | None, space: PolicySpace) -> FloatArray:
-    """(q, k) what a unit of weight of each action does; None takes the weights themselves.
+    """(q, k) what a unit of weight of each action does; None takes the actions themselves.
 
     Raises:
         ProblemError: another shape, or values that are not finite.
     """
-    if effects is None:
-        return np.eye(space.actions)
-    given = floats(effects, "effects")
+    given = np.eye(space.actions) if effects is None else floats(effects, "effects")
     if given.ndim != 2 or given.shape[1] != space.actions or not np.isfinite(given).all():
         raise ProblemError(f"effects have shape {given.shape}; expected (q, {space.actions}) finite numbers")
     return given * space.unit

@@ -85,6 +85,18 @@ def test_coordinates_and_points_are_inverse_and_steps_hide_nothing() -> None:
     np.testing.assert_allclose(np.abs(known - 0.5).max(axis=0), 0.5, atol=1e-9)
 
 
+def test_where_initial_trials_do_not_differ_the_others_say_how_far_is_far() -> None:
+    made = HdSafeBOLocal(problem(), seed=0)
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (12, VISIBLE))
+    seen[:, 2] = 0.3
+    x = seen @ LIFT.T
+    made.observe(x, *bowl(x), initial=True)
+    search = made.search
+    assert isinstance(search, ConstrainedSearch)
+    side = search.chart.arrays()["chart_side"]
+    assert side[2] == pytest.approx(np.sqrt(side[0] * side[1]))
+
+
 @pytest.mark.thorough
 def test_finds_an_optimum_beyond_the_initial_trials_without_leaving_the_safe_set() -> None:
     made = started(0.0)

@@ -66,6 +66,13 @@ def test_old_errors_are_forgotten() -> None:
     assert made.inflation(model.safety)[0] == 1.0
 
 
+def test_what_another_version_kept_is_refused() -> None:
+    made = missed_by(6.0)
+    arrays = made.arrays() | {"errors": made.arrays()["errors"][..., :4]}
+    with pytest.raises(ValueError, match=r"errors has shape \(1, 1, 4\)"):
+        Expectations(1).restore(arrays)
+
+
 def test_failed_and_unexpected_trials_teach_nothing() -> None:
     made = Expectations(1)
     made.expect(np.array([3, 4]), QUERY[:2], surrogate())

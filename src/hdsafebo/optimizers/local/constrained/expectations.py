@@ -88,7 +88,14 @@ class Expectations:
         return {"expected_ids": self._ids, "expected": self._expected, "errors": self._errors}
 
     def restore(self, arrays: dict[str, NDArray[Any]]) -> None:
-        """Take back what `arrays` gave."""
+        """Take back what `arrays` gave.
+
+        Raises:
+            ValueError: they have other columns, as those of other versions.
+        """
+        for name, now in (("expected", self._expected), ("errors", self._errors)):
+            if arrays[name].shape[1:] != now.shape[1:]:
+                raise ValueError(f"{name} has shape {arrays[name].shape}; expected (n, *{now.shape[1:]})")
         self._ids, self._expected = arrays["expected_ids"], arrays["expected"]
         self._errors = arrays["errors"]
 
