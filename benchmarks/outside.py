@@ -79,10 +79,10 @@ def peer(method: str, problem: FunctionProblem, seed: int, x: FloatArray) -> tup
     )
 
 
-def measure(method: str, outside: Outside, seed: int) -> dict[str, Any]:
-    """One run; see the module."""
+def measure(method: str, outside: Outside, seed: int, x: FloatArray | None = None) -> dict[str, Any]:
+    """One run; see the module. `x` are other initial inputs than the problem's."""
     problem = outside.problem(seed)
-    x = outside.initial(seed)
+    x = outside.initial(seed) if x is None else x
     ask, tell, optimizer = peer(method, problem, seed, x)
     objective, slack = outside.true(x)
     start = len(x)

@@ -23,6 +23,9 @@ from hdsafebo.typing import FloatArray
 Function = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 NOISE = 0.01
 """Standard deviation of the noise, in ranges of an outcome."""
+NEAR = 0.05
+STARTS = 5
+"""Reach, in ranges, and number of initial inputs in one place."""
 _RANGE_POINTS = 20_000
 _DRAWS, _DRAWN = 400, 20_000
 
@@ -72,6 +75,22 @@ class Outside:
         if not (self.true(x)[1] >= 0).all(axis=1).any():
             x[-1] = self._safe_point(np.random.default_rng(10_000 + seed))
         return x
+
+    def initial_in_one_place(self, seed: int) -> FloatArray:
+        """(n, D) safe inputs, each within 5 % of the ranges of the first one.
+
+        Raises:
+            RuntimeError: too few are found.
+        """
+        rng = np.random.default_rng([seed, 78])
+        reach = NEAR * (self.bounds[1] - self.bounds[0])
+        first = self._safe_point(rng)
+        x = first + reach * rng.uniform(-1.0, 1.0, (_DRAWN, len(first)))
+        x = np.clip(np.vstack([first, x]), *self.bounds)
+        safe = x[(self.true(x)[1] >= 0).all(axis=1)]
+        if len(safe) < STARTS:
+            raise RuntimeError(f"{self.name}: {len(safe)} of {_DRAWN} points around a safe one are safe")
+        return safe[:STARTS]
 
     def _safe_point(self, rng: np.random.Generator) -> FloatArray:
         """(D,) the first safe one of uniform points.
