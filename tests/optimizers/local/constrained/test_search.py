@@ -1,10 +1,12 @@
 """The search of the inputs themselves: optimum, safety, region, incumbents, and what it is told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hdsafebo.errors import NoSafePointError, TrialError
-from hdsafebo.gp.warped_surrogate import WarpedSurrogate
+from hdsafebo.gp.warped_surrogate import SAFETY, WarpedSurrogate
 from hdsafebo.optimizers.local.ascents import AscentSearch
 from hdsafebo.optimizers.local.constrained.search import ConstrainedSearch
 from hdsafebo.optimizers.local.optimizer import HdSafeBOLocal
@@ -225,3 +227,20 @@ def test_its_model_runs_in_botorch() -> None:
         np.testing.assert_allclose(middle, median, atol=float(0.2 * deviation.max() + 0.02 * np.ptp(median)))
         spread = samples[..., j].std(dim=0).numpy()
         np.testing.assert_allclose(spread, posterior.variance[:, j].sqrt().numpy(), rtol=0.2)
+
+
+def test_what_is_known_in_one_place_is_left_in_steps() -> None:
+    def wavy(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return x.sum(axis=1), 3.0 + np.sin(8.0 * x).sum(axis=1) / 4.0
+
+    problem = FunctionProblem(wavy, [[0.0] * 4, [1.0] * 4], [Safety("wavy", 0.0)], name="wavy")
+    made = HdSafeBOLocal(problem, seed=3)
+    x = 0.3 + 0.05 * np.random.default_rng(3).uniform(-1.0, 1.0, (5, 4))
+    made.observe(x, *problem.function(x), initial=True)
+    run_rounds(made, 2, 5)
+    search_of(made).region = replace(search_of(made).region, length=1.0)
+    asked = made.ask(5)
+    model = search_of(made).model
+    _, deviations = model.posteriors.over(asked.x[~asked.marked_unsafe], SAFETY)
+    assert deviations.size
+    assert (deviations <= 0.51 * model.posteriors.signal[SAFETY][:, None]).all()
