@@ -7,7 +7,7 @@ Objective: mean return over fixed pushes. Safety functions, the least of the pus
   Peaks are shorter than that, and as irregular as contacts are.
 
 Both are computed from the episode alone. Initial policies are stretch and balance reflexes with random gains
-about the muscle excitations that hold the posture; about a quarter of them is unsafe, and none stands for 5 s
+about the muscle excitations that hold the posture; about a third of them is unsafe, and none stands for 5 s
 after all pushes.
 
 All weights are searched, or in their place the weights over joint-torque synergies (the space `torques`) or
