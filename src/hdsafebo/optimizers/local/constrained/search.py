@@ -48,8 +48,9 @@ _KAPPAS = (0.0, 1.0, 2.0)
 _KEPT = 0.3
 """Share of the incumbent's margin that is kept."""
 _CAP = 0.5
-"""Largest deviation of a safety function, in prior deviations: where all that is known lies in one place, length
-scales may be far too long. At 0.15 it was this that held steps back on the body, whose margins are wide."""
+"""Largest deviation of a safety function, in prior deviations: where all that is known lies in one place,
+length scales may be far too long. At 0.15 it was this that held steps back on the body, whose margins are
+wide."""
 _PROBES = (1e-3, 2e-2)
 """Distances of the first round, in median distances of the initial data."""
 _CENTRES = 8
