@@ -1,7 +1,8 @@
 """Whether a change made a method worse: run files that two versions of the code wrote, beside each other.
 
-By run: seeds, median best safe objective, safe share, mean violation, and the share of trials with equal
-outcomes. What is compared must be the same task; a checkout of the former version writes its files.
+By version: best safe objective of every seed, safe share, mean violation. Of both: the share of trials with
+equal outcomes, and the p-value of Wilcoxon's signed-rank test of the best objectives, by seed. What is
+compared must be the same task with the same initial trials; a checkout of the former version writes its files.
 
     python benchmarks/two_versions.py ../former/data/runs/scs_st-hdsafebo_local.parquet \\
         data/runs/scs_st_informed-hdsafebo_local.parquet --names 5e937f2 d1328ea --write
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.stats import wilcoxon
 
 from hdsafebo.files.atomic import write_json
 
@@ -24,15 +26,19 @@ _OUTCOMES = ["objective", "safety"]
 
 def figures(trials: pd.DataFrame) -> dict[str, object]:
     """Of the trials of a run file."""
-    best = trials[trials["safe"]].groupby("seed")["objective"].max()
-    chosen = trials[~trials["initial"]]
+    chosen, best = trials[~trials["initial"]], best_of(trials)
     return {
-        "seeds": [int(s) for s in best.index],
         "trials": len(chosen) // len(best),
-        "best": {"median": float(best.median()), "least": float(best.min()), "most": float(best.max())},
+        "best": {str(seed): float(value) for seed, value in best.items()},
+        "best_median": float(best.median()),
         "safe": float(chosen["safe"].mean()),
         "violation": float(chosen["violation"].mean()),
     }
+
+
+def best_of(trials: pd.DataFrame) -> pd.Series:
+    """Best safe objective by seed."""
+    return trials[trials["safe"]].groupby("seed")["objective"].max()
 
 
 def equal(former: pd.DataFrame, present: pd.DataFrame) -> float:
@@ -54,10 +60,12 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help=f"keep the numbers in {OUT}")
     arguments = parser.parse_args()
     former, present = (pd.read_parquet(path) for path in (arguments.former, arguments.present))
+    difference = (best_of(present) - best_of(former)).to_numpy()
     row = {
         "former": {"revision": arguments.names[0], **figures(former)},
         "present": {"revision": arguments.names[1], **figures(present)},
         "equal_trials": equal(former, present),
+        "p": float(wilcoxon(difference).pvalue) if difference.any() else 1.0,
     }
     print(json.dumps(row, indent=1))
     if arguments.write:
