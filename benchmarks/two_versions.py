@@ -1,8 +1,8 @@
 """Whether a change made a method worse: run files that two versions of the code wrote, beside each other.
 
 By version: best safe objective of every seed, safe share, mean violation. Of both: the share of trials with
-equal outcomes, and the p-value of Wilcoxon's signed-rank test of the best objectives, by seed. What is
-compared must be the same task with the same initial trials; a checkout of the former version writes its files.
+equal outcomes, and the p-value of Wilcoxon's signed-rank test of the best objectives, by seed. Both files are
+of the same task with the same initial trials; a checkout of the former version writes its own.
 
     python benchmarks/two_versions.py ../former/data/runs/scs_st-hdsafebo_local.parquet \\
         data/runs/scs_st_informed-hdsafebo_local.parquet --names 5e937f2 d1328ea --write
