@@ -216,7 +216,8 @@ def summary() -> list[dict[str, Any]]:
     groups: dict[tuple[str, str, int], list[dict[str, Any]]] = {}
     for path in sorted(RUNS.glob("*.json")):
         row = json.loads(path.read_text(encoding="utf-8"))
-        groups.setdefault((row["task"], row["method"], len(row["objective"])), []).append(row)
+        planned = row["initial"] + int(path.stem.rpartition("-")[2])  # a run that abstained is shorter
+        groups.setdefault((row["task"], row["method"], planned), []).append(row)
     return [_summary_of(*key, rows) for key, rows in sorted(groups.items())]
 
 
