@@ -38,12 +38,6 @@ def test_a_matrix_of_less_rank_has_fewer_visible_directions() -> None:
     np.testing.assert_allclose(rows.basis @ rows.basis.T, np.eye(2), atol=1e-10)
 
 
-def test_typical_length_is_the_root_mean_square() -> None:
-    steps = RNG(3).standard_normal((4000, 40))
-    observed = np.sqrt(np.mean(metric().length(steps) ** 2))
-    assert RowSpace.of(metric()).typical_length == pytest.approx(observed, rel=0.03)
-
-
 def test_the_visible_cube_has_the_kernel_inputs_of_the_space() -> None:
     rows, centre = RowSpace.of(metric()), np.full(40, 0.4)
     small, middle = rows.around(metric().inputs(centre[None])[0])

@@ -44,11 +44,6 @@ class RowSpace:
         """r."""
         return len(self.basis)
 
-    @property
-    def typical_length(self) -> float:
-        """Root mean square length, in kernel inputs, of a standard normal step in the unit cube."""
-        return float(np.linalg.norm(self.image))
-
     def completed(self, visible: FloatArray, rng: np.random.Generator) -> FloatArray:
         """(n, d) standard normal steps, given what is visible of them.
 

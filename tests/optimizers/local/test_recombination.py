@@ -73,8 +73,22 @@ def test_none_asked_for_or_none_safe(threshold: float, n: int) -> None:
     assert steps.shape == (0, 3)
 
 
+def test_steps_do_not_shrink_with_the_length_scale_that_small_steps_make_short() -> None:
+    rng = np.random.default_rng(0)
+    x = 0.5 + 1e-3 * rng.standard_normal((60, 2))
+    rugged = fit_surrogate(x, np.sin(4e3 * x[:, 0]), x[:, [1]], np.array([-1.0]))
+    assert rugged.length_scale < 0.01
+    batches = [
+        safe_steps(rugged, METRIC, ROWS, CENTRE, -2.0, 8, np.random.default_rng(seed)) - CENTRE
+        for seed in range(20)
+    ]
+    size = np.abs(np.array(batches)[:, :, 2]).mean(axis=0)
+    assert size[0] > 0.002
+    assert size[-1] > 0.1
+
+
 def test_steps_that_are_made_whole_later_have_the_same_sizes() -> None:
-    model, sizes = surrogate(0.3), []
+    model, sizes = surrogate(-1.0), []  # safe wherever the cube cuts a step
     for whole in (True, False):
         batches = [
             safe_steps(model, METRIC, ROWS, CENTRE, -2.0, 8, np.random.default_rng(seed), whole=whole)
