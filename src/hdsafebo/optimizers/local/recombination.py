@@ -13,7 +13,7 @@ from hdsafebo.gp.sampling import thompson_sample
 from hdsafebo.gp.surrogate import Surrogate
 from hdsafebo.search.metric import Metric
 from hdsafebo.search.row_space import RowSpace
-from hdsafebo.typing import FloatArray, IntArray
+from hdsafebo.typing import FloatArray
 
 _STEPS = 1600
 """Steps that are judged: a hundred and more of each size, of which some are believed safe."""
