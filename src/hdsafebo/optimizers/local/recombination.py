@@ -19,8 +19,7 @@ _STEPS = 1600
 """Steps that are judged: a hundred and more of each size, of which some are believed safe."""
 _STEP_SIZES = (0.003, 0.5)
 """Standard deviations of random steps per dimension, in widths of the box. In fitted length scales, which
-small steps make short, steps and length scales shrank together, and runs on the hand ended as copies of one
-policy (4 of 30 development seeds; with these, none)."""
+small steps make short, both can shrink together until rounds are copies of one policy (seen on the hand)."""
 _LARGEST = 0.98
 """Quantile of the sizes believed safe that counts as the largest of them."""
 
