@@ -13,7 +13,7 @@ from hdsafebo.problems import registry as tasks
 
 _REGISTRIES: tuple[dict[str, Any], ...] = (tasks._FAMILIES, methods.METHODS)
 _REAL = tuple(dict(registry) for registry in _REGISTRIES)
-_REAL_DIGEST = run_spec._code_digest
+_REAL_DIGEST = run_spec.code_digest
 
 
 @pytest.fixture(autouse=True)
@@ -27,4 +27,4 @@ def _restore() -> None:
     for registry, content in zip(_REGISTRIES, _REAL, strict=True):
         registry.clear()
         registry.update(content)
-    run_spec._code_digest = _REAL_DIGEST
+    run_spec.code_digest = _REAL_DIGEST

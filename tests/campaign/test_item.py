@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,10 @@ from campaign_items import (
     without_times,
 )
 
+from hdsafebo.campaign.errors import CampaignError
 from hdsafebo.campaign.item import run_path
+from hdsafebo.campaign.run_spec import RunSpec
+from hdsafebo.campaign.runner import RunResult
 from hdsafebo.errors import DatasetError, JournalError, ParamsError
 from hdsafebo.runs.read import read_run
 from hdsafebo.runs.schema import TIMES, Rows, RunMetadata
@@ -101,6 +105,7 @@ def test_the_file_is_what_the_report_reads(tmp_path: Path) -> None:
     meta = run.meta
     assert (meta.task, meta.method, meta.space, meta.dimension) == ("synthetic", "toy", "latent", 3)
     assert (meta.n_initial, meta.batch, meta.n_trials, meta.seeds) == (10, 3, 60, [1000, 1001])
+    assert meta.code == "the code under test"
     assert meta.optimum is None, "it differs between the seeds"
     assert len(run.trials) == 120
     assert (run.trials.groupby(["seed", "round"])[list(TIMES)].nunique() == 1).all(axis=None)
@@ -208,6 +213,17 @@ def test_more_seeds_compute_only_what_is_missing(tmp_path: Path) -> None:
     compute(tmp_path, seeds=3)
     assert len(logs()) == 3
     assert before.items() <= logs().items()
+
+
+@pytest.mark.usefixtures("_here")
+def test_seeds_of_different_code_are_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run_changed(spec: RunSpec) -> RunResult:
+        return replace(toys.run_toy(spec), code=f"as of seed {spec.seed}")
+
+    monkeypatch.setattr("hdsafebo.campaign.item.run", run_changed)
+    with pytest.raises(CampaignError, match="the code was changed while runs were computed"):
+        compute(tmp_path, seeds=2)
+    assert not run_path("synthetic", "toy", tmp_path).exists()
 
 
 @pytest.mark.usefixtures("_here")

@@ -53,7 +53,7 @@ def spec_of(root: Path, method: str) -> RunSpec:
 def test_a_run_that_is_cut_twice_is_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, state_share: float
 ) -> None:
-    monkeypatch.setattr(run_spec, "_code_digest", lambda family, method: "the code under test")
+    monkeypatch.setattr(run_spec, "code_digest", lambda family, method: "the code under test")
     monkeypatch.setattr("hdsafebo.campaign.runner._STATE_SHARE", state_share)
     undisturbed = run(spec_of(tmp_path / "a", method)).rows
     spec = spec_of(tmp_path / "b", method)

@@ -12,7 +12,7 @@ import pytest
 import hdsafebo
 from hdsafebo.campaign import run_spec
 
-real_code_digest = run_spec._code_digest
+real_code_digest = run_spec.code_digest
 
 
 @pytest.fixture(scope="module")

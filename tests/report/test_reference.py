@@ -11,11 +11,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from hdsafebo.campaign.run_spec import code_digest
 from hdsafebo.cli import main
 from hdsafebo.errors import DatasetError
 from hdsafebo.params import load_params
 from hdsafebo.pipeline.profiles import profile_text
 from hdsafebo.pipeline.stage import COSTS_FILE
+from hdsafebo.problems.registry import family_of
 from hdsafebo.report.build import build_report
 from hdsafebo.report.claims.base import Claim, Verdict
 from hdsafebo.report.data.evidence import keep_evidence, rounded
@@ -38,9 +40,11 @@ def project(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Pat
     root = tmp_path_factory.mktemp("project")
     (root / "params.yaml").write_text(profile_text(project_root, "smoke"))
     rng = np.random.default_rng(0)
-    for task, method in planned_runs(load_params(root / "params.yaml")):
+    params = load_params(root / "params.yaml")
+    for task, method in planned_runs(params):
         sizes = {"n_initial": 10, "n_trials": 40, "batch": 5, "gain": 1.0, "safe_share": 0.8}
-        random_runs(root, task, method, seeds=2, rng=rng, profile="smoke", **sizes)
+        origin = this_code(task, params.methods[method].algorithm)
+        random_runs(root, task, method, seeds=2, rng=rng, profile="smoke", **sizes, **origin)
     write_inputs(root, rng)
     (root / "data/rollouts/start.png").write_bytes(b"\x89PNG picture")
     costs = [
@@ -52,6 +56,11 @@ def project(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Pat
     (root / COSTS).write_text("".join(json.dumps(cost) + "\n" for cost in costs))
     keep_reference(root)
     return root
+
+
+def this_code(task: str, algorithm: str) -> dict[str, str]:
+    """What a run file says about the code of the present."""
+    return {"algorithm": algorithm, "code": code_digest(family_of(task), algorithm)}
 
 
 def reference(root: Path) -> Path:
@@ -166,10 +175,24 @@ def test_what_another_profile_has_left_is_no_evidence(project: Path, tmp_path: P
         keep_evidence(tmp_path, tmp_path / "kept")
     sizes = {"n_initial": 10, "n_trials": 40, "batch": 5, "gain": 1.0, "safe_share": 0.8}
     rng = np.random.default_rng(0)
-    random_runs(tmp_path, "synthetic", "sobol", seeds=2, rng=rng, profile="reference", **sizes)
+    origin = this_code("synthetic", "sobol")
+    random_runs(tmp_path, "synthetic", "sobol", seeds=2, rng=rng, profile="reference", **sizes, **origin)
     missing = keep_evidence(tmp_path, tmp_path / "kept")
     assert "hand-sobol" in missing
     assert [path.stem for path in (tmp_path / "kept/runs").iterdir()] == ["synthetic-sobol"]
+
+
+@pytest.mark.parametrize("code", [None, "of an earlier revision"])
+def test_runs_of_other_code_are_not_kept_under_this_revision(
+    project: Path, tmp_path: Path, code: str | None
+) -> None:
+    shutil.copyfile(project / "params.yaml", tmp_path / "params.yaml")
+    sizes = {"n_initial": 10, "n_trials": 40, "batch": 5, "gain": 1.0, "safe_share": 0.8}
+    rng = np.random.default_rng(0)
+    random_runs(tmp_path, "synthetic", "sobol", seeds=2, rng=rng, profile="smoke", **sizes, code=code)
+    with pytest.raises(DatasetError, match=r"synthetic-sobol.parquet: computed by code other than"):
+        keep_evidence(tmp_path, tmp_path / "kept")
+    assert not (tmp_path / "kept").exists()
 
 
 def test_a_folder_without_evidence_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from hdsafebo.campaign.errors import CampaignError
 from hdsafebo.campaign.executor import execute
 from hdsafebo.campaign.progress import ProgressWatcher
 from hdsafebo.campaign.run_spec import RunSpec, budget_of, settings_of
@@ -44,7 +45,8 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
 
     Raises:
         ParamsError: the parameters do not have the task or the method.
-        CampaignError: worker processes or the cluster failed; finished rounds are kept.
+        CampaignError: worker processes or the cluster failed, or the code was changed meanwhile; finished
+            rounds are kept.
         HdSafeBOError: what a run raised.
     """
     budget = budget_of(params, task)
@@ -103,6 +105,7 @@ def run_item(task: str, method: str, params: Params, root: Path, tracker: Tracke
         n_trials=budget.trials,
         seeds=seeds,
         counts=[result.counts for result in results],
+        code=_common_code(results),
         **_common_facts(results),
     )
     write_run_file(run_path(task, method, root), [result.rows for result in results], metadata)
@@ -119,6 +122,14 @@ def _shared_directory(home: Path) -> tempfile.TemporaryDirectory[str]:
         return tempfile.TemporaryDirectory(prefix="progress-", dir=parent, ignore_cleanup_errors=True)
     except OSError as error:
         raise JournalError(f"{parent}: cannot be written: {error.strerror}") from error
+
+
+def _common_code(results: list[RunResult]) -> str:
+    """Digest of the code that computed all of them; a comparison of seeds of different code means nothing."""
+    first, *others = {result.code for result in results}
+    if others:
+        raise CampaignError("the code was changed while runs were computed: run them again, to have one code")
+    return first
 
 
 def _common_facts(results: list[RunResult]) -> dict[str, Any]:

@@ -138,13 +138,13 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
         "settings": settings_of(params, spec.task, spec.method),
         "blocks": {name: plain[name] for name in _BLOCKS[family_of(spec.task)]},
         "inputs": files,
-        "code": _code_digest(family_of(spec.task), method.algorithm),
+        "code": code_digest(family_of(spec.task), method.algorithm),
         "libraries": {name: _version(name) for name in _LIBRARIES},
     }
 
 
 @lru_cache
-def _code_digest(family: str, algorithm: str) -> str:
+def code_digest(family: str, algorithm: str) -> str:
     """Digest of the modules that compute a run: what the runner, the task and the algorithm import."""
     package = Path(hdsafebo.__file__).parent
     graph = ImportGraph(package.parent)

@@ -43,12 +43,14 @@ class RunResult:
         rows: its trials.
         facts: what does not depend on the seed (see `runs.schema.RunMetadata`).
         counts: of failed fits, marked and missing trials.
+        code: digest of the modules that computed it.
     """
 
     seed: int
     rows: Rows
     facts: dict[str, Any]
     counts: RunCounts
+    code: str
 
     @property
     def abstained(self) -> str | None:
@@ -72,7 +74,8 @@ def run(spec: RunSpec) -> RunResult:
             _Run(spec, params, task, journal).finish()
         assert journal.outcome is not None
         rows = join_rows([entry.rows for entry in journal.rounds])
-        return RunResult(spec.seed, rows, journal.outcome["facts"], RunCounts(**journal.outcome["counts"]))
+        counts = RunCounts(**journal.outcome["counts"])
+        return RunResult(spec.seed, rows, journal.outcome["facts"], counts, identity["code"])
 
 
 class _Run:

@@ -117,6 +117,8 @@ class RunMetadata(BaseModel):
         dimension: number of searched coordinates.
         given: what the task gave to its methods, by name, see `problems.knowledge`.
         unused: names of what was given and the method does not use.
+        code: digest of the modules that computed the trials (`campaign.run_spec.code_digest`); None in
+            files of versions that did not write it.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -140,6 +142,7 @@ class RunMetadata(BaseModel):
     dimension: int
     given: dict[str, str] = {}
     unused: list[str] = []
+    code: str | None = None
 
 
 def run_name(task: str, method: str) -> str:

@@ -17,11 +17,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from hdsafebo.campaign.run_spec import code_digest
 from hdsafebo.errors import DatasetError
 from hdsafebo.files.atomic import replacing, write_json
 from hdsafebo.files.parquet import column_names, read_parquet
 from hdsafebo.params import load_params
 from hdsafebo.pipeline.provenance import digest_file, git_state
+from hdsafebo.problems.registry import family_of
 from hdsafebo.report.data import body_inputs, hand_inputs, inputs
 from hdsafebo.report.data.json_files import read_json
 from hdsafebo.report.data.planned import planned_runs
@@ -67,7 +69,8 @@ def keep_evidence(root: Path, folder: Path) -> list[str]:
         Names of the runs that are neither here nor kept.
 
     Raises:
-        DatasetError: no run file of the profile is there, one is malformed, or the disk cannot be written.
+        DatasetError: no run file of the profile is there, one is malformed or of other code, or the disk
+            cannot be written.
     """
     params = load_params(root / PARAMS)
     names = [run_name(task, method) for task, method in planned_runs(params)]
@@ -77,15 +80,21 @@ def keep_evidence(root: Path, folder: Path) -> list[str]:
         raise DatasetError(f"{root / 'data/runs'}: no run of {PARAMS}; run the pipeline first (dvc repro)")
     before = read_provenance(folder).get("runs", {})
     here = _here(root)
+    digests = {name: digest_file(source) for name, source in made.items()}
+    new = [
+        name
+        for name in made
+        if before.get(name, {}).get("source_sha256") != digests[name]
+        or not (folder / RUNS / f"{name}.parquet").is_file()
+    ]
+    _require_this_code([made[name] for name in new])
     runs: dict[str, Any] = {}
     for name in sorted(set(names) - set(missing), key=names.index):
         target = folder / RUNS / f"{name}.parquet"
         known = before.get(name, {})
-        if name in made:
-            digest = digest_file(made[name])
-            if known.get("source_sha256") != digest or not target.is_file():
-                compact(made[name], target)
-                known = here | {"source_sha256": digest}
+        if name in new:
+            compact(made[name], target)
+            known = here | {"source_sha256": digests[name]}
         meta = read_run(target).meta
         runs[name] = known | {"seeds": meta.seeds, "trials": meta.n_trials, "profile": meta.profile}
     for path in sorted((folder / RUNS).glob("*.parquet")):
@@ -95,6 +104,20 @@ def keep_evidence(root: Path, folder: Path) -> list[str]:
     shutil.copyfile(root / PARAMS, folder / PARAMS)
     write_json(folder / PROVENANCE, here | {"profile": params.profile, "runs": runs}, DatasetError)
     return missing
+
+
+def _require_this_code(files: list[Path]) -> None:
+    """Raise `DatasetError` for run files of other code: the revision of this moment would not be theirs."""
+    other = []
+    for path in files:
+        meta = read_run(path).meta
+        if meta.code != code_digest(family_of(meta.task), meta.algorithm):
+            other.append(path.name)
+    if other:
+        raise DatasetError(
+            f"{files[0].parent}: {', '.join(other)}: computed by code other than the present one, whose "
+            "revision they would be kept under; keep them from a checkout of their own, or run them again"
+        )
 
 
 def _made(root: Path, name: str, profile: str) -> Path | None:
