@@ -131,11 +131,11 @@ def write_inputs(root: Path, rng: np.random.Generator) -> None:
 
 
 def _write_body(root: Path) -> None:
-    """A policy of the body beside a reflex, with pictures and a film."""
+    """Policies of the body beside a reflex, with pictures and a film."""
     folder = root / "data/body/policies"
     folder.mkdir(parents=True, exist_ok=True)
     policies = []
-    for name, seconds in (("reflex", 2.0), ("hdsafebo_local", 5.0)):
+    for name, seconds in (("reflex", 2.0), ("hdsafebo_local", 5.0), ("cmaes_gains", 4.0)):
         outcome = {"seconds": [seconds] * 2, "loads": [50.0] * 2, "total": 40 * seconds, "failure": None}
         policies.append(
             {
