@@ -29,7 +29,7 @@ def main(stage: Stage) -> None:
     played = [_record(stage, policies, *entry, w) for entry, w in zip(chosen, weights, strict=True)]
     missing = None
     try:
-        _draw(stage, policies, played, weights)
+        _draw(stage, policies, played, weights, [trial.safe_enough for _, trial in chosen])
     except RenderingUnavailableError as error:
         missing = str(error)
         stage.notice(f"no pictures of the body: {missing}")
@@ -70,14 +70,24 @@ def _record(
     }
 
 
+def _shown(played: list[dict[str, Any]], safe_enough: list[bool]) -> int | None:
+    """The best policy of methods that count as safe, or of all where none does; None if none is learnt."""
+    learnt = [k for k, entry in enumerate(played) if entry["method"] != REFLEX]
+    safe = [k for k in learnt if safe_enough[k]]
+    return max(safe or learnt, key=lambda k: played[k]["objective"], default=None)
+
+
 def _draw(
-    stage: Stage, policies: GymnasiumPolicies, played: list[dict[str, Any]], weights: list[FloatArray]
+    stage: Stage,
+    policies: GymnasiumPolicies,
+    played: list[dict[str, Any]],
+    weights: list[FloatArray],
+    safe_enough: list[bool],
 ) -> None:
     """Strips of the best policy and of the best reflex of its seed, and a film of both side by side."""
-    learnt = [k for k, entry in enumerate(played) if entry["method"] != REFLEX]
-    if not learnt:
+    best = _shown(played, safe_enough)
+    if best is None:
         return
-    best = max(learnt, key=lambda k: played[k]["objective"])
     reflexes = [
         k
         for k, entry in enumerate(played)

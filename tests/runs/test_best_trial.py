@@ -29,6 +29,7 @@ def test_best_of_the_safe_chosen_trials(tmp_path: Path) -> None:
     assert (found.method, found.seed, found.trial) == ("sobol", 8, 2)
     assert (found.objective, found.latent) == (7.0, True)
     np.testing.assert_array_equal(found.z, [5.0, -5.0])
+    assert (found.safe_share, found.safe_enough) == (3 / 4, False)
     assert found.mean_best == pytest.approx((9 + 7) / 2), "initial trials count for the best of a run"
 
 

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from hdsafebo.errors import DatasetError
 from hdsafebo.files.bounded import require_regular
 from hdsafebo.params import Space
 from hdsafebo.runs.read import read_run
 from hdsafebo.typing import FloatArray
+
+SAFE_ENOUGH = 0.95
+"""Share of safe trials from which a method counts as safe in the comparison of returns."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class BestTrial:
         z: (d,) what was searched, in the single precision of run files.
         space: what z is a point of.
         mean_best: mean over runs of the best safe objective.
+        safe_share: share of safe trials among those that the method proposed, of all runs.
     """
 
     method: str
@@ -36,11 +39,17 @@ class BestTrial:
     z: FloatArray
     space: Space
     mean_best: float
+    safe_share: float
 
     @property
     def latent(self) -> bool:
         """Whether z is the code of an embedding; otherwise it is the problem's own input."""
         return self.space == "latent"
+
+    @property
+    def safe_enough(self) -> bool:
+        """Whether its method counts as safe."""
+        return self.safe_share >= SAFE_ENOUGH
 
 
 def best_trial(path: Path) -> BestTrial | None:
@@ -70,20 +79,25 @@ def best_trials(path: Path, *, initial: bool = False) -> list[BestTrial]:
     if safe.empty:
         return []
     mean_best = float(safe.groupby("seed")["objective"].max().mean())
+    safe_share = float(run.chosen["safe"].mean())
     among = safe[safe["initial"] == initial]
     rows = [
         of_seed.iloc[int(of_seed["objective"].to_numpy().argmax())] for _, of_seed in among.groupby("seed")
     ]
     points = _searched(path, [(int(row["seed"]), int(row["trial"])) for row in rows])
     return [
-        _trial(row, z, run.meta.method, run.meta.space, mean_best)
+        BestTrial(
+            run.meta.method,
+            int(row["seed"]),
+            int(row["trial"]),
+            float(row["objective"]),
+            z,
+            run.meta.space,
+            mean_best,
+            safe_share,
+        )
         for row, z in zip(rows, points, strict=True)
     ]
-
-
-def _trial(row: pd.Series, z: FloatArray, method: str, space: Space, mean_best: float) -> BestTrial:
-    seed, trial = int(row["seed"]), int(row["trial"])
-    return BestTrial(method, seed, trial, float(row["objective"]), z, space, mean_best)
 
 
 def _searched(path: Path, trials: list[tuple[int, int]]) -> list[FloatArray]:

@@ -10,9 +10,9 @@ from hdsafebo.report.data.results import Results
 from hdsafebo.report.formatting import interval, number, signed, with_error
 from hdsafebo.report.stats.regret import regret
 from hdsafebo.report.stats.statistics import MIN_PAIRS, Comparison
+from hdsafebo.runs.best_trial import SAFE_ENOUGH
 
 OWN = "hdsafebo_local"
-SAFE_ENOUGH = 0.95
 SHARE_AT = "share_600"
 
 

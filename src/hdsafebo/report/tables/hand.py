@@ -11,9 +11,7 @@ from hdsafebo.report.data.methods import style, task_label
 from hdsafebo.report.formatting import number, with_error
 from hdsafebo.report.stats.statistics import Estimate, estimate
 from hdsafebo.report.tables.results import Cell, Table
-
-SAFE_ENOUGH = 0.95
-"""Safety from which a method counts as safe in the comparison of returns."""
+from hdsafebo.runs.best_trial import SAFE_ENOUGH
 
 
 @dataclass(frozen=True)
