@@ -12,9 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +22,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402  (after the thread limits)
 
 from hdsafebo import make_optimizer  # noqa: E402
+from hdsafebo.campaign.executor import process_pool  # noqa: E402
 from hdsafebo.files.atomic import write_json  # noqa: E402
 from hdsafebo.problems.body import body_policies  # noqa: E402
 from hdsafebo.problems.reflexes import ReflexGainsProblem  # noqa: E402
@@ -75,7 +74,7 @@ def main() -> None:
     given = parser.parse_args()
     rows = json.loads(OUT.read_text(encoding="utf-8"))["runs"] if OUT.is_file() else []
     missing = [pair for pair in product(STEPS, SEEDS) if pair not in {(r["step"], r["seed"]) for r in rows}]
-    with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as executor:
+    with process_pool(given.workers) as executor:
         rows += executor.map(run, *zip(*missing, strict=True)) if missing else []
     rows.sort(key=lambda row: (row["step"], row["seed"]))
     for row in rows:

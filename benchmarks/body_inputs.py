@@ -23,9 +23,8 @@ import argparse
 import json
 import os
 import warnings
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import astuple
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +41,7 @@ from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 from hdsafebo.bodies.posture import posture_of  # noqa: E402
 from hdsafebo.bodies.reflex import random_gains  # noqa: E402
 from hdsafebo.bodies.simulation import CONTROL_INTERVAL  # noqa: E402
+from hdsafebo.campaign.executor import process_pool  # noqa: E402
 from hdsafebo.files.atomic import write_json  # noqa: E402
 from hdsafebo.policies import GymnasiumPolicies  # noqa: E402
 from hdsafebo.policies.episode import Episode  # noqa: E402
@@ -181,7 +181,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--write", action="store_true", help=f"keep the result in {OUT.name}")
     given = parser.parse_args()
-    with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as executor:
+    with process_pool(given.workers) as executor:
         found = measured(executor)
     print(json.dumps(found, indent=1))
     if given.write:

@@ -7,10 +7,8 @@ something on an idle machine only.
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from statistics import median
 
@@ -19,6 +17,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402  (after the thread limits)
 
+from hdsafebo.campaign.executor import process_pool  # noqa: E402
 from hdsafebo.files.atomic import write_json  # noqa: E402
 from hdsafebo.hand.policy import LinearPolicySpace  # noqa: E402
 from hdsafebo.hand.rollout import Scene, evaluate_policies  # noqa: E402
@@ -60,7 +59,7 @@ def measure(variant: str, policies: int) -> dict[str, float]:
     start = time.perf_counter()
     evaluate_policies(scene, space, parameters)
     alone = time.perf_counter() - start
-    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as executor:
+    with process_pool(2) as executor:
         evaluate_policies(scene, space, parameters[:4], executor)  # workers build their models
         start = time.perf_counter()
         evaluate_policies(scene, space, parameters, executor)

@@ -12,8 +12,7 @@ what must not happen to your own system: `budget("cost", 25)` for what the envir
 from __future__ import annotations
 
 import argparse
-import multiprocessing
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
@@ -21,6 +20,7 @@ import numpy as np
 
 import hdsafebo
 from hdsafebo import GymnasiumPolicies, HdSafeBOLocal, gaussian_design, lasts
+from hdsafebo.campaign.executor import process_pool
 from hdsafebo.errors import HdSafeBOError, RenderingUnavailableError
 
 BATCH = 10
@@ -53,10 +53,8 @@ def report(what: str, optimizer: HdSafeBOLocal) -> None:
 
 
 def workers(count: int) -> AbstractContextManager[Executor | None]:
-    """Processes that play episodes, or none; results do not depend on their number."""
-    if count <= 1:
-        return nullcontext()
-    return ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"))
+    """Processes that play episodes and end with this one, or none; results do not depend on their number."""
+    return nullcontext() if count <= 1 else process_pool(count)
 
 
 def main(arguments: list[str] | None = None) -> None:

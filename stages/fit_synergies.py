@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +10,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from hdsafebo.campaign.executor import process_pool
 from hdsafebo.errors import DatasetError
 from hdsafebo.files.bounded import require_regular
 from hdsafebo.hand.reference import Difficulty, observation_moment, save_moment
@@ -34,7 +33,7 @@ def main(stage: Stage) -> None:
     rng = np.random.default_rng(settings.seed)
     policies = rng.uniform(-settings.box, settings.box, (settings.random_policies, space.dimension))
     workers = stage.params.compute.workers or len(os.sched_getaffinity(0))
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as executor:
+    with process_pool(workers) as executor:
         episodes = evaluate_policies(scene, space, policies, executor)
         moment = observation_moment(scene, space, policies[: settings.reference_policies], executor)
     save_moment(stage.path("models/synergies/observations.safetensors"), moment, hand)

@@ -81,6 +81,12 @@ def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
         time.sleep(0.05)
 
 
+def test_nobody_starts_workers_that_outlive_a_killed_parent(project_root: Path) -> None:
+    folders = [project_root / name for name in ("src", "stages", "benchmarks", "examples")]
+    files = [path for folder in folders for path in folder.rglob("*.py")]
+    assert [path.name for path in files if "ProcessPoolExecutor(" in path.read_text()] == ["executor.py"]
+
+
 def _alive(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -133,6 +134,29 @@ def test_provenance_names_every_file_and_stays_where_nothing_changed(project: Pa
     after = json.loads(path.read_text())
     assert after["runs"]["hand-sobol"]["revision"] == "an earlier one"
     assert not (reference(project) / "runs/synthetic-gone.parquet").exists()
+
+
+def test_runs_are_of_modified_code_only_where_code_was_modified(project: Path, tmp_path: Path) -> None:
+    """A profile rewrites the parameters, which are tracked, so they cannot be what counts."""
+    shutil.copytree(project / "data", tmp_path / "data")
+    shutil.copyfile(project / "params.yaml", tmp_path / "params.yaml")
+    for name in ("src", "stages"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "module.py").write_text("x = 1\n")
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=test", "-c", "user.email=test@example.org"]
+    for command in (["init", "-q"], ["add", "params.yaml", "src", "stages"], ["commit", "-qm", "code"]):
+        subprocess.run([*git, *command], check=True)
+
+    def kept(folder: str) -> list[tuple[str, bool]]:
+        keep_evidence(tmp_path, tmp_path / folder)
+        runs = json.loads((tmp_path / folder / "provenance.json").read_text())["runs"]
+        return [(run["revision"], run["modified"]) for run in runs.values()]
+
+    revision = subprocess.run([*git, "rev-parse", "HEAD"], check=True, capture_output=True, text=True).stdout
+    (tmp_path / "params.yaml").write_text((tmp_path / "params.yaml").read_text() + "# of a profile\n")
+    assert set(kept("before")) == {(revision.strip(), False)}
+    (tmp_path / "stages" / "module.py").write_text("x = 2\n")
+    assert set(kept("after")) == {(revision.strip(), True)}
 
 
 def test_costs_are_the_last_of_the_profile(project: Path) -> None:

@@ -92,7 +92,7 @@ def _in_processes(
     """Run on a pool; jobs that a dying worker takes along are submitted once more, to a new pool."""
     lost = list(items)
     for attempt in ("first", "second"):
-        with loading_with_one_thread(), _pool(min(workers, len(lost))) as pool:
+        with loading_with_one_thread(), process_pool(min(workers, len(lost))) as pool:
             lost = collect(pool, function, lost, on_result, watcher)
         if not lost:
             return
@@ -108,7 +108,8 @@ def _in_processes(
     )
 
 
-def _pool(workers: int) -> ProcessPoolExecutor:
+def process_pool(workers: int) -> ProcessPoolExecutor:
+    """Processes that start anew, not as copies of this one, and end with it."""
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent)
 

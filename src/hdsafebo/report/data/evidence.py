@@ -48,6 +48,7 @@ FILES = (
     f"{body_inputs.POLICIES}/{body_inputs.FILM}",
 )
 PICTURES = (inputs.HAND_FRAMES, inputs.SPINAL_FRAMES, hand_inputs.POLICIES, body_inputs.POLICIES)
+CODE = ("src", "stages")
 LIBRARIES = ("numpy", "scipy", "torch", "gpytorch", "botorch", "scikit-learn", "mujoco", "cma")
 _EXACT_BITS = 13
 """Of a number's 24 significant bits; four decimal digits."""
@@ -190,9 +191,13 @@ def _copy_inputs(root: Path, folder: Path) -> None:
 
 
 def _here(root: Path) -> dict[str, Any]:
-    """Revision and libraries of this moment."""
-    state = git_state(root)
-    revision, modified = (None, None) if state is None else state
+    """Revision and libraries of this moment, and whether the code differs from the revision.
+
+    Code alone, not the parameters: a profile rewrites them, and they are kept beside the runs.
+    """
+    states = [state for name in CODE if (state := git_state(root / name)) is not None]
+    revision = states[0][0] if states else None
+    modified = any(changed for _, changed in states) if states else None
     return {"revision": revision, "modified": modified, "libraries": {n: _version(n) for n in LIBRARIES}}
 
 
