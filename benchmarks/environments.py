@@ -1,10 +1,14 @@
 """Safe search over policies of environments: Hopper, HalfCheetah, a body after a push, and MyoSuite's pen.
 
-Every run is a file of its own that holds all trials' results; a run that is there is not computed again, and
-one that was killed goes on from its last saved round. Seeds below 100 are for choosing, those of reported
-figures are 1000 and up.
-The pen needs MyoSuite, which is not among this project's packages: install it beside with
-`pip install --no-deps myosuite`.
+Every run is a file of its own that holds all trials' results and a digest of the code; a run that the
+present code computed is not computed again, and one that was killed goes on from its last saved round. Seeds
+below 100 are for choosing, those of reported figures are 1000 and up. A summary replaces what was kept of its
+tasks and methods.
+The pen needs MyoSuite, which is not among this project's packages. A folder of its own leaves those
+as they are:
+
+    pip install --no-deps --target pen myosuite==3.0.0 ml-collections flatten_dict termcolor h5py colorednoise
+    PYTHONPATH=pen python benchmarks/environments.py --tasks pen --methods hdsafebo_local cmaes_smallest
 
     python benchmarks/environments.py --tasks hopper cheetah --methods hdsafebo_local cmaes --seeds 1000 1001
     python benchmarks/environments.py --tasks body --methods hdsafebo_local --initial 40 --trials 300
@@ -30,8 +34,9 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402  (after the thread limits)
 
 from hdsafebo import EpisodeSafety, GymnasiumPolicies, Safety, gaussian_design, lasts, survives  # noqa: E402
+from hdsafebo.campaign.run_spec import code_digest  # noqa: E402
 from hdsafebo.errors import NoSafePointError, SurrogateError  # noqa: E402
-from hdsafebo.files.atomic import replacing  # noqa: E402
+from hdsafebo.files.atomic import replacing, write_json  # noqa: E402
 from hdsafebo.optimizers.registry import load_optimizer, make_optimizer  # noqa: E402
 from hdsafebo.policies.synergies import ActionSynergies  # noqa: E402
 from hdsafebo.problem import Problem  # noqa: E402
@@ -123,12 +128,17 @@ def searched(policies: GymnasiumPolicies, space: str) -> tuple[Problem, ActionSy
     return policies, torque_synergies(policies) if space == "torques" else None
 
 
+def code_of(name: str) -> str:
+    """Digest of what computes a method's runs; the task `body` has all modules of policies behind it."""
+    return code_digest("body", METHODS[name].algorithm)
+
+
 def run(task: str, name: str, seed: int, initial: int, trials: int) -> dict[str, Any]:
     """One run, from its saved state if there is one."""
     method, work = METHODS[name], RUNS / f"{task}-{name}-{seed}-{initial}-{trials}"
     policies = TASKS[task]()
     problem, embedding = searched(policies, method.space)
-    state, seconds = work.with_suffix(".state"), []
+    state, seconds = work.with_suffix(f".{code_of(name)[:12]}.state"), []
     physics = 0.0
     if state.exists():
         optimizer = load_optimizer(method.algorithm, state, problem, embedding)
@@ -162,6 +172,7 @@ def run(task: str, name: str, seed: int, initial: int, trials: int) -> dict[str,
     row = {
         "task": task,
         "method": name,
+        "code": code_of(name),
         "seed": seed,
         "initial": initial,
         "dimension": optimizer.space.dimension,
@@ -211,14 +222,24 @@ def unseen(task: str, policies: GymnasiumPolicies, problem: Problem, x: np.ndarr
     }
 
 
-def summary() -> list[dict[str, Any]]:
-    """One row per task and method: medians over seeds with their spread."""
+def summary(seeds: list[int]) -> list[dict[str, Any]]:
+    """One row per task and method: medians over these seeds with their spread; of the present code."""
     groups: dict[tuple[str, str, int], list[dict[str, Any]]] = {}
     for path in sorted(RUNS.glob("*.json")):
         row = json.loads(path.read_text(encoding="utf-8"))
+        if row["seed"] not in seeds:
+            continue
+        if not is_present(row):
+            print(f"left out, since other code computed it: {path.name}")
+            continue
         planned = row["initial"] + int(path.stem.rpartition("-")[2])  # a run that abstained is shorter
         groups.setdefault((row["task"], row["method"], planned), []).append(row)
     return [_summary_of(*key, rows) for key, rows in sorted(groups.items())]
+
+
+def is_present(row: dict[str, Any]) -> bool:
+    """Whether the present code computed a run."""
+    return bool(row.get("code") == code_of(row["method"]))
 
 
 def _summary_of(task: str, method: str, trials: int, rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -233,6 +254,7 @@ def _summary_of(task: str, method: str, trials: int, rows: list[dict[str, Any]])
     return {
         "task": task,
         "method": method,
+        "code": code_of(method),
         "trials": trials,
         "seeds": [row["seed"] for row in rows],
         "best": best if len(found) == len(best) else [b if np.isfinite(b) else None for b in best],
@@ -265,20 +287,24 @@ def main() -> None:
     jobs = [] if given.summary else product(given.seeds, given.tasks, given.methods)
     for seed, task, method in jobs:
         path = RUNS / f"{task}-{method}-{seed}-{given.initial}-{given.trials}.json"
-        if not path.exists():
+        if not path.exists() or not is_present(json.loads(path.read_text(encoding="utf-8"))):
             row = run(task, method, seed, given.initial, given.trials)
             with replacing(path) as temporary:
                 temporary.write_text(json.dumps(row) + "\n", encoding="utf-8")
-    rows = summary()
+    rows = summary(given.seeds)
     for row in rows:
         middle, spread = row["best_median"], row["best_spread"]
         shown = "-" if middle is None else f"{middle:.1f} (spread {spread:.1f})"
         safe = ", ".join(f"{s:.3f}" for s in row["safety"])
         print(f"{row['task']:14s}{row['method']:22s}{row['trials']:5d}  best {shown}  safe {safe}")
     if given.write:
-        OUT.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(OUT) as temporary:
-            temporary.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        before = json.loads(OUT.read_text(encoding="utf-8")) if OUT.is_file() else []
+        kept = {_key(row): row for row in [*before, *rows]}
+        write_json(OUT, [kept[key] for key in sorted(kept)])
+
+
+def _key(row: dict[str, Any]) -> tuple[str, str, int]:
+    return row["task"], row["method"], row["trials"]
 
 
 if __name__ == "__main__":
