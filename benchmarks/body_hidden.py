@@ -4,7 +4,7 @@ Of every seed's run, the change from the best safe reflex to the best safe polic
 change of the weights that the features show, and the rest, which they hide; and the rest into what it does in
 joint torques, and what it does beside them. Each part is added to the reflex alone and played, beside random
 changes of the hidden part's size. It reads the run file of the stage (`python stages/optimize.py body
-cmaes_tuned`, profile reference) and writes `body_hidden.json`; 200 episodes, about three minutes.
+cmaes_tuned`, profile reference) and writes `body_hidden.json`; 120 episodes, about three minutes.
 
     python benchmarks/body_hidden.py --write
 """

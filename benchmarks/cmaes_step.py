@@ -6,7 +6,7 @@ the mean; it is what `tasks.FAMILY.settings.cmaes_tuned.step` is to be. The defa
 among them. CMA-ES has no use for what an informed setting adds, so its tasks need not be run. It reads what
 the tasks need (embeddings, synergies) below `--root`.
 
-    python benchmarks/cmaes_step.py digits_0 digits_1 digits_2 digits_3 digits_4 --write
+    python benchmarks/cmaes_step.py digits_{0..9} --seeds 0 1 2 3 4 --write
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def outcome(root: Path, task: str, step: float, seed: int) -> dict[str, Any]:
 
 
 def shares(runs: list[dict[str, Any]]) -> dict[float, float]:
-    """By step, the mean share of the highest objective of all steps on the same task and seed."""
+    """By step, the mean share of the highest objective of all steps on the same task and seed, if one is safe."""
     most: dict[tuple[str, int], float] = {}
     for one in runs:
         key = one["task"], one["seed"]
@@ -59,7 +59,8 @@ def shares(runs: list[dict[str, Any]]) -> dict[float, float]:
     found = {}
     for step in sorted({one["step"] for one in runs}):
         own = [one for one in runs if one["step"] == step]
-        parts = [(one["best"] or 0.0) / most[one["task"], one["seed"]] for one in own]
+        met = [(one["best"] or 0.0, most[one["task"], one["seed"]]) for one in own]
+        parts = [best / highest for best, highest in met if highest > 0]
         found[step] = round(float(np.mean(parts)), 4)
     return found
 
