@@ -51,7 +51,7 @@ def outcome(root: Path, task: str, step: float, seed: int) -> dict[str, Any]:
 
 
 def shares(runs: list[dict[str, Any]]) -> dict[float, float]:
-    """By step, the mean share of the highest objective of all steps; without seeds on which no step is safe."""
+    """By step, the mean share of the highest objective of all steps, over seeds with a safe trial."""
     most: dict[tuple[str, int], float] = {}
     for one in runs:
         key = one["task"], one["seed"]
