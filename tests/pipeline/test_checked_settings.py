@@ -59,6 +59,10 @@ def test_no_task_has_an_unknown_setting_of_a_method(family: str) -> None:
         (("tasks", "synthetic", "budget", "seeds_of"), {"scbx": 2}, "budget.seeds_of: unknown method 'scbx'"),
         (("tasks", "body", "methods"), ["sobol", "sobol"], "tasks.body.methods: 'sobol' appears twice"),
         (("tasks", "digits", "tasks"), ["digits_3"] * 2, "tasks.digits.tasks: 'digits_3' appears twice"),
+        (("tasks", "digits", "methods"), ["cmaes", "cmaes_tuned"], "'cmaes_tuned' is the same run as"),
+        (("tasks", "synthetic", "settings", "cmaes_tuned"), {"step": 0.25}, "is the same run as 'cmaes'"),
+        (("tasks", "scs", "informed", "settings"), {"cmaes": {"stp": 1}}, "informed.settings.cmaes: method"),
+        (("tasks", "scs", "informed", "settings"), {"cmae": {}}, "informed.settings: 'cmae' has no block"),
         (("tasks", "scs", "problem", "embedding"), "irvea", "problem.embedding: unknown embedding 'irvea'"),
         (("isometry", "floors", "irvea"), {}, "isometry.floors: unknown embedding 'irvea'"),
         (("digits", "embedding"), "irvea", "digits.embedding: unknown embedding 'irvea'"),
@@ -71,6 +75,12 @@ def test_no_task_has_an_unknown_setting_of_a_method(family: str) -> None:
 )  # fmt: skip
 def test_what_a_later_stage_would_refuse(keys: tuple[str, ...], value: Any, expected: str) -> None:
     assert expected in refusal(*keys, value=value)
+
+
+def test_the_body_has_no_embedding_to_tell_two_runs_apart() -> None:
+    methods = ["hdsafebo_local", "hdsafebo_local_original"]
+    message = refusal("tasks", "body", "methods", value=methods)
+    assert "'hdsafebo_local_original' is the same run as 'hdsafebo_local'" in message
 
 
 def test_the_command_line_checks_settings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -95,9 +95,9 @@ def budget_of(params: Params, task: str) -> Budget:
 
 
 def settings_of(params: Params, task: str, method: str) -> MethodSettings:
-    """Settings of a method on a task: those for all tasks, then those for the family of the task."""
+    """Settings of a method on a task: those for all tasks, then those for the family and its setting."""
     family = getattr(params.tasks, family_of(task))
-    return params.methods[method].settings | family.settings.get(method, {})
+    return params.methods[method].settings | family.settings_for(method, informed=is_informed(task))
 
 
 def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[str, Any]:
@@ -116,7 +116,8 @@ def identity_of(spec: RunSpec, params: Params, inputs: Sequence[str]) -> dict[st
     block = plain["tasks"][family_of(spec.task)]
     problem = block["problem"]
     if is_informed(spec.task):
-        problem = problem | {"informed": block.get("informed", {})}
+        informed = block.get("informed", {})
+        problem = problem | {"informed": {name: v for name, v in informed.items() if name != "settings"}}
     files = {}
     for name in inputs:
         path = Path(spec.root) / name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Annotated, Any
 
 from pydantic import Field, field_validator, model_validator
@@ -11,7 +12,7 @@ from hdsafebo.params.embeddings import Digits, Embeddings, IsometryParams
 from hdsafebo.params.hand import Hand
 from hdsafebo.params.methods import MethodBlock, with_algorithms
 from hdsafebo.params.spinal import Spinal
-from hdsafebo.params.tasks import Tasks
+from hdsafebo.params.tasks import InformedFamily, Tasks
 
 
 class Compute(Block):
@@ -90,7 +91,10 @@ class Params(Block):
     @model_validator(mode="after")
     def _every_method_has_a_block(self) -> Params:
         for family, task in self.tasks:
-            for key, names in (("methods", task.methods), ("settings", task.settings)):
+            named: list[tuple[str, Iterable[str]]] = [("methods", task.methods), ("settings", task.settings)]
+            if isinstance(task, InformedFamily):
+                named.append(("informed.settings", task.informed.settings))
+            for key, names in named:
                 for name in names:
                     if name not in self.methods:
                         blocks = ", ".join(self.methods)

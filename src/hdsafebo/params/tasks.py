@@ -57,6 +57,39 @@ class Family(Block):
     methods: list[str]
     settings: dict[str, MethodSettings] = {}
 
+    def searched(self, space: Space) -> Space:
+        """What a method of that space searches in fact."""
+        return space
+
+    def settings_for(self, method: str, *, informed: bool) -> MethodSettings:
+        """Settings of a method on these tasks, in the paper's setting or the informed one."""
+        return self.settings.get(method, {})
+
+
+class Informed(Block):
+    """What differs in the informed setting of a family.
+
+    Attributes:
+        settings: of methods in that setting, beyond those on all tasks of the family.
+    """
+
+    settings: dict[str, MethodSettings] = {}
+
+
+class InformedFamily(Family):
+    """A family whose informed setting has parameters of its own.
+
+    Attributes:
+        informed: these.
+    """
+
+    informed: Informed = Informed()
+
+    def settings_for(self, method: str, *, informed: bool) -> MethodSettings:
+        """As in all families, and those of the informed setting."""
+        own = self.informed.settings.get(method, {}) if informed else {}
+        return super().settings_for(method, informed=informed) | own
+
 
 class SyntheticParams(Block):
     """Objective and safety drawn from Gaussian processes (paper, section 5.1 and appendix).
@@ -116,7 +149,7 @@ class HandProblem(Block):
     modelled: Annotated[list[HandSafety], Field(min_length=1)] = ["landing_speed"]
 
 
-class HandInformed(Block):
+class HandInformed(Informed):
     """What differs in the informed setting of the hand.
 
     Attributes:
@@ -128,7 +161,7 @@ class HandInformed(Block):
     directions: Count = 12
 
 
-class HandTask(Family):
+class HandTask(InformedFamily):
     """The hand in the paper's setting and in the informed one, and the methods that run in both.
 
     Attributes:
@@ -179,6 +212,10 @@ class BodyTask(Family):
     spaces: ClassVar[tuple[Space, ...]] = ("latent", "original", "torques", "gains")
     problem: BodyProblem = BodyProblem()
 
+    def searched(self, space: Space) -> Space:
+        """The body has no embedding: its latent space is its original one."""
+        return "original" if space == "latent" else space
+
 
 class ScsProblem(Block):
     """What the optimisers see of the stimulation dataset.
@@ -194,7 +231,7 @@ class ScsProblem(Block):
     side: Literal["left", "right"] = "left"
 
 
-class ScsInformed(Block):
+class ScsInformed(Informed):
     """What differs in the informed setting of the stimulation tasks.
 
     Attributes:
@@ -204,7 +241,7 @@ class ScsInformed(Block):
     components: Annotated[int, Field(ge=1, le=84)] = 16
 
 
-class ScsTask(Family):
+class ScsTask(InformedFamily):
     """The stimulation tasks, one per target muscle and setting (`scs_st`, `scs_st_informed`, ...).
 
     Attributes:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 from hdsafebo.embeddings.registry import embedding_class
 from hdsafebo.errors import HdSafeBOError, ParamsError
@@ -15,7 +16,10 @@ from hdsafebo.optimizers.registry import method_class
 from hdsafebo.params import Params
 from hdsafebo.params.base import MethodSettings
 from hdsafebo.params.spinal import Spinal
-from hdsafebo.params.tasks import Family
+from hdsafebo.params.tasks import Family, InformedFamily
+
+if TYPE_CHECKING:
+    from hdsafebo.optimizers.settings import OptimizerSettings
 
 
 def check_settings(params: Params, source: str) -> None:
@@ -55,13 +59,39 @@ def _check_task(params: Params, at: str, task: Family) -> None:
         method = params.methods[name]
         with _within(f"{at}.settings.{name}"):
             _check_method(method.algorithm, method.settings | own)
+    _distinct(params, at, task, informed=False)
+    if isinstance(task, InformedFamily):
+        for name in task.informed.settings:
+            method = params.methods[name]
+            with _within(f"{at}.informed.settings.{name}"):
+                _check_method(method.algorithm, method.settings | task.settings_for(name, informed=True))
+        _distinct(params, at, task, informed=True)
 
 
-def _check_method(algorithm: str, settings: MethodSettings) -> None:
+def _check_method(algorithm: str, settings: MethodSettings) -> OptimizerSettings:
+    """All settings of a method, with their defaults."""
     from hdsafebo.optimizers.settings import check_settings as check
 
     kind, fixed = method_class(algorithm)
-    check(kind.Settings, algorithm, None, fixed | settings)
+    return check(kind.Settings, algorithm, None, fixed | settings)
+
+
+def _distinct(params: Params, at: str, task: Family, *, informed: bool) -> None:
+    """Refuse two methods that compute the same: one result under two names looks like two."""
+    where = " in the informed setting" if informed else ""
+    runs: dict[str, Any] = {}
+    for name in task.methods:
+        method = params.methods[name]
+        own = task.settings_for(name, informed=informed)
+        settings = _check_method(method.algorithm, method.settings | own)
+        run = method_class(method.algorithm)[0], task.searched(method.space), settings
+        for other, earlier in runs.items():
+            if run == earlier:
+                raise ParamsError(
+                    f"{at}.methods: {name!r} is the same run as {other!r}{where}: the same algorithm, "
+                    "space and settings; leave one out, or give it settings of its own"
+                )
+        runs[name] = run
 
 
 def _check_spinal(spinal: Spinal, source: str) -> None:
