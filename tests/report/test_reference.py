@@ -302,7 +302,7 @@ def test_the_first_screen_says_how_much_has_been_run(project: Path) -> None:
     body = next(answer for asked, answer in rows.items() if asked.startswith("Does a whole body"))
     for count, method in ((1, "hdsafebo_local"), (0, "cmaes_gains")):
         share = 100 * kept.results.estimate("body", method, "safety").mean
-        assert f"{count} of 1 policies of `{method}` ({share:.1f} % of its trials safe)" in body
+        assert f"`{method}` {count} of 1, {share:.1f} %" in body
 
 
 def test_a_task_of_one_method_has_no_table_of_pairs(project: Path, tmp_path: Path) -> None:

@@ -125,17 +125,15 @@ def _body(kept: KeptRuns, played: BodyPolicies | None) -> list[tuple[str, str, s
 
     def share(method: str) -> str:
         safe = kept.results.estimate(_BODY, method, "safety").mean
-        return (
-            f"{stood[method].whole} of {stood[method].seeds} policies of `{method}` "
-            f"({100 * safe:.1f} % of its trials safe)"
-        )
+        return f"`{method}` {stood[method].whole} of {stood[method].seeds}, {100 * safe:.1f} %"
 
     others = [share(name) for name in stood if name != LOCAL and (_BODY, name) in kept.results.runs]
     return [
         (
             f"Does a whole body of 416 muscles stay up for {played.horizon_s:g} s after a push?",
-            f"{', '.join([share(LOCAL), *others])} did after all {len(played.pushes)} pushes; the shortest "
-            f"times of `{LOCAL}` were {shortest:.1f} s in the median, of reflexes {before:.1f} s",
+            f"Best policies that do after all {len(played.pushes)} pushes, and share of the trials that was "
+            f"safe: {'; '.join([share(LOCAL), *others])}. Shortest times of `{LOCAL}` are {shortest:.1f} s "
+            f"in the median, of reflexes {before:.1f} s",
             "[results](docs/reproduction/results.md)",
         )
     ]
