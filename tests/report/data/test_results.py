@@ -7,9 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hdsafebo.params import load_params
+from hdsafebo.errors import ParamsError
+from hdsafebo.files.yaml import parse_mapping
+from hdsafebo.params import load_params, parse_params
+from hdsafebo.pipeline.profiles import profile_text
 from hdsafebo.report.data.methods import beta_of_ablation, by_family, order, style
+from hdsafebo.report.data.planned import planned_runs
 from hdsafebo.report.data.results import DIGITS, Results, Uncertainty
+from hdsafebo.report.figures.curves import spread_out
 from hdsafebo.report.page import MARKER_SHAPES
 from hdsafebo.report.sections.findings import same_trials_findings
 from hdsafebo.report.tables.results import comparison_table, metrics_table
@@ -102,34 +107,31 @@ def test_digits_are_averaged_over_seeds_and_then_are_the_units(tmp_path: Path) -
     np.testing.assert_allclose(results.series(DIGITS, "scbo").objective[:, -1], [1, 2, 3])
 
 
-def test_every_method_has_a_look_of_its_own_in_its_panel() -> None:
-    methods = [
-        "hdsafebo",
-        "hdsafebo_local",
-        "linebo",
-        "scbo",
-        "config",
-        "cei",
-        "cei_prob",
-        "safeopt",
-        "cmaes",
-        "sobol",
-        "local_random",
-        "turbo",
-        "hesbo",
-        "baxus",
-        "linebo_original",
-        "scbo_original",
-        "config_original",
-        "cei_original",
-        "cmaes_original",
-    ]
-    for family, names in by_family(methods).items():
-        looks = {(style(m).marker, style(m).colour) for m in names}
-        assert len(looks) == len(names), family
-        assert len({style(m).marker for m in names}) == len(names), (
-            f"{family}: markers must do without colour"
-        )
+@pytest.mark.parametrize("profile", ["reference", "paper"])
+def test_every_method_has_a_look_of_its_own_in_its_panel(profile: str, project_root: Path) -> None:
+    data = parse_mapping(profile_text(project_root, profile), profile, ParamsError)
+    methods: dict[str, list[str]] = {}
+    for task, method in planned_runs(parse_params(data)):
+        methods.setdefault(task, []).append(method)
+    for task, names in methods.items():
+        for family, together in by_family(names).items():
+            markers = [style(m).marker for m in together]
+            assert len(set(markers)) == len(markers), f"{task}, {family}: markers must do without colour"
+
+
+@pytest.mark.parametrize(
+    ("heights", "expected"),
+    [
+        ([0.9, 0.5], [0.9, 0.5]),
+        ([0.5, 0.45], [0.5, 0.4]),
+        ([1.2, 0.99], [0.95, 0.85]),
+        ([0.08, 0.06, 0.0], [0.25, 0.15, 0.05]),
+        ([0.3] * 20, [0.975 - 0.05 * i for i in range(20)]),
+        ([], []),
+    ],
+)
+def test_names_beside_points_do_not_overlap(heights: list[float], expected: list[float]) -> None:
+    assert spread_out(heights, 0.1) == pytest.approx(expected)
 
 
 def test_every_marker_has_its_shape_in_legends(project_root: Path) -> None:

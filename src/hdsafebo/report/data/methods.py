@@ -70,10 +70,14 @@ _METHODS = {
     "thompson_rows": MethodStyle("Thompson sampling, all rows", "global", SKY, "X", "dashdot"),
     "turbo": MethodStyle("TuRBO", "embedding", GREEN, "D", "dashdot", needs_threshold=False),
     "hesbo": MethodStyle("HesBO", "embedding", BLUE, "^", "dashed", needs_threshold=False),
-    "ars": MethodStyle("ARS", "free", SKY, "X", "dashed"),
+    "ars": MethodStyle("ARS", "free", PURPLE, "v", "dotted"),
     "baxus": MethodStyle("BAxUS", "embedding", PURPLE, "v", "dotted", needs_threshold=False),
     "hdsafebo_global": MethodStyle("no local search", "ablation", BLUE, "^", "dashed"),
     "hdsafebo_pessimistic": MethodStyle("no optimism", "ablation", GREEN, "D", "dashdot"),
+    "hdsafebo_beta0": MethodStyle("HdSafeBO, β = 0", "ablation", PURPLE, "v", "dotted"),
+    "hdsafebo_beta4": MethodStyle("HdSafeBO, β = 4", "ablation", ORANGE, "P", "dashed"),
+    "hdsafebo_beta8": MethodStyle("HdSafeBO, β = 8", "ablation", SKY, "X", "dashdot"),
+    "hdsafebo_beta16": MethodStyle("HdSafeBO, β = 16", "ablation", BLUE, "*", "dotted"),
 }
 # Methods in the problem's own space, by the names of their blocks in the profiles, as (O) of these methods.
 _IN_ORIGINAL_SPACE = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ Y_LABELS = {
     "safety": "safe share of trials ↑",
     "violation": "cumulative violation ↓",
 }
+_NAMES, _NAME_HEIGHT = 0.4, 0.055
+"""Width that names of points take beside the panel, and the height of one, in the panel's own."""
 
 
 def curve_figures(results: Results, task: str, methods: list[str]) -> list[Figure]:
@@ -71,9 +74,7 @@ def front_figure(results: Results, task: str, methods: list[str]) -> Figure:
                 markersize=6,
                 elinewidth=0.8,
             )
-            ax.annotate(
-                look.label, (safety.mean, value.mean), (5, 3), textcoords="offset points", fontsize=7.5
-            )
+        _name(ax, {m: (safe.mean, value.mean) for m, (safe, value) in points.items() if value.runs})
         ax.set_xlabel("safe share of trials")
         ax.set_title("best safe return over safety", loc="left")
 
@@ -83,6 +84,45 @@ def front_figure(results: Results, task: str, methods: list[str]) -> Figure:
     )
     title = f"{task_label(task)}: best safe return of each method over its safety"
     return Figure(f"front_{task}", caption, [[Panel(title, draw, inches=(7.4, 4.2))]])
+
+
+def _name(ax: Any, points: dict[str, tuple[float, float]]) -> None:
+    """Names in a column to the right of the points, each joined to its own."""
+    low, high = ax.get_xlim()
+    bottom, top = ax.get_ylim()
+    ticks = [tick for tick in ax.get_xticks() if low <= tick <= 1.0]
+    ax.set(xlim=(low, high + _NAMES * (high - low)), ylim=(bottom, top), xticks=ticks)
+    order = sorted(points, key=lambda method: -points[method][1])
+    heights = spread_out([(points[method][1] - bottom) / (top - bottom) for method in order], _NAME_HEIGHT)
+    for method, height in zip(order, heights, strict=True):
+        ax.annotate(
+            style(method).label,
+            points[method],
+            (1.0 / (1.0 + _NAMES), height),
+            textcoords="axes fraction",
+            va="center",
+            fontsize=7.5,
+            arrowprops={"arrowstyle": "-", "color": "#888888", "linewidth": 0.6, "linestyle": ":"},
+        )
+
+
+def spread_out(heights: Sequence[float], gap: float) -> list[float]:
+    """Heights in [0, 1], the highest first, moved as little as puts them apart by the gap, or evenly.
+
+    Args:
+        heights: from the highest to the lowest.
+        gap: least distance, less where so many do not fit.
+    """
+    gap = min(gap, 1.0 / max(len(heights), 1))
+    placed, ceiling = [], 1.0 - gap / 2
+    for height in heights:
+        placed.append(min(height, ceiling))
+        ceiling = placed[-1] - gap
+    floor = gap / 2
+    for i in reversed(range(len(placed))):
+        placed[i] = max(placed[i], floor)
+        floor = placed[i] + gap
+    return placed
 
 
 def _limits(results: Results, task: str, methods: list[str], metric: str) -> tuple[float, float] | None:
