@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from hdsafebo.campaign.run_spec import settings_of
 from hdsafebo.cli import main
 from hdsafebo.errors import ParamsError
 from hdsafebo.files.yaml import parse_mapping, read_mapping, write_mapping
@@ -81,6 +82,19 @@ def test_the_body_has_no_embedding_to_tell_two_runs_apart() -> None:
     methods = ["hdsafebo_local", "hdsafebo_local_original"]
     message = refusal("tasks", "body", "methods", value=methods)
     assert "'hdsafebo_local_original' is the same run as 'hdsafebo_local'" in message
+
+
+def test_the_informed_setting_has_settings_of_its_own_which_are_compared_too() -> None:
+    data = copy.deepcopy(STANDARD)
+    scs = data["tasks"]["scs"]
+    scs["methods"] = ["cmaes", "cmaes_tuned"]
+    params = parse_checked_params(data)
+    check_settings(params, "params.yaml")
+    assert settings_of(params, "scs_st", "cmaes_tuned") == {"step": 0.005}
+    assert settings_of(params, "scs_st_informed", "cmaes_tuned") == {"step": 0.1}
+    scs["informed"]["settings"] = {"cmaes_tuned": {"step": 0.25}}
+    with pytest.raises(ParamsError, match="is the same run as 'cmaes' in the informed setting"):
+        check_settings(parse_checked_params(data), "params.yaml")
 
 
 def test_the_command_line_checks_settings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
