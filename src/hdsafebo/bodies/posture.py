@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from hdsafebo.bodies.model import Body, load_body
+from hdsafebo.threads import one_thread
 from hdsafebo.typing import FloatArray
 
 GRAVITY = 9.81
@@ -44,6 +45,7 @@ class Posture:
 
 
 @lru_cache(maxsize=2)
+@one_thread()
 def posture_of(name: str) -> Posture:
     """The linear model of a body (0.1 s)."""
     body = load_body(name)

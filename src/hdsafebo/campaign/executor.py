@@ -10,7 +10,6 @@ import logging
 import multiprocessing
 import os
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
@@ -19,13 +18,13 @@ from contextlib import contextmanager
 from typing import Protocol, TypeVar
 
 from hdsafebo.campaign.errors import CampaignError
+from hdsafebo.threads import keep_to_one_thread, loading_with_one_thread
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.5
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 class Watcher(Protocol):
@@ -71,15 +70,9 @@ def execute(
 
 
 def single_threaded(function: Callable[[Item], Result], item: Item) -> Result:
-    """Call `function(item)` with one thread per numerical library."""
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
-
-    for variable in _THREAD_VARIABLES:  # for libraries that are loaded during the call
-        os.environ[variable] = "1"
-    if "torch" in sys.modules:
-        sys.modules["torch"].set_num_threads(1)
-    with threadpool_limits(1):
-        return function(item)
+    """Call `function(item)` in a process that computes with one thread from then on."""
+    keep_to_one_thread()
+    return function(item)
 
 
 def _in_processes(
@@ -127,21 +120,6 @@ def _end_with_parent() -> None:
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True, name="end-with-parent").start()
-
-
-@contextmanager
-def loading_with_one_thread() -> Iterator[None]:
-    """Libraries that are loaded within the block, also by processes that start there, take one thread."""
-    before = {variable: os.environ.get(variable) for variable in _THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
-    try:
-        yield
-    finally:
-        for variable, value in before.items():
-            if value is None:
-                del os.environ[variable]
-            else:
-                os.environ[variable] = value
 
 
 @contextmanager

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import logging
-import os
 import resource
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,6 +18,7 @@ from hdsafebo.params import Params
 from hdsafebo.pipeline.checked_params import load_checked_params
 from hdsafebo.pipeline.store import home_of
 from hdsafebo.pipeline.tracking import Tracker, track_stage
+from hdsafebo.threads import one_thread
 
 _LOG = logging.getLogger(__name__)
 EXIT_FAILED = 1
@@ -84,9 +84,11 @@ def run_stage(
         options: adds the stage's own command line options.
         argv: command line; None takes the process's.
 
+    The work is done with one thread per process: a stage's files do not depend on the machine's cores, and
+    what is done side by side is done in processes.
+
     The exit code is 2 for bad parameters, 1 for any other error that the package raises on purpose.
     """
-    os.environ.setdefault("OMP_NUM_THREADS", str(os.cpu_count() or 1))
     parser = argparse.ArgumentParser(
         prog=f"python stages/{name}.py", description=main.__doc__ or f"Run the stage {name}."
     )
@@ -114,7 +116,8 @@ def _run(
         tracked = {block: lookup(params, block) for block in blocks}
         with track_stage(name, tracked, root, enabled=params.tracking.enabled) as tracker:
             stage = Stage(name, params, root, arguments, tracker)
-            main(stage)
+            with one_thread():
+                main(stage)
     except (ParamsError, UnknownNameError) as error:
         _LOG.error("error: %s", error)
         raise SystemExit(EXIT_BAD_INPUT) from None

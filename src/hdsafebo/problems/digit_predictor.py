@@ -12,11 +12,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
-from hdsafebo.embeddings.training.loop import one_torch_thread
 from hdsafebo.errors import DatasetError, EmbeddingTrainingError
 from hdsafebo.files.bounded import require_regular
 from hdsafebo.problems.digit_images import DigitImages
 from hdsafebo.progress import progress
+from hdsafebo.threads import one_thread
 from hdsafebo.typing import FloatArray
 
 _CHANNELS = (16, 32)
@@ -63,7 +63,7 @@ class DigitPredictor:
             torch.manual_seed(int(rng.integers(2**31)))
             self._network = _network(self.side)
         optimizer = torch.optim.Adam(self._network.parameters(), lr=_LEARNING_RATE)
-        with one_torch_thread(), progress(epochs, "digit predictor") as advance:
+        with one_thread(), progress(epochs, "digit predictor") as advance:
             for _ in range(epochs):
                 loss = 0.0
                 for rows in np.array_split(rng.permutation(training), max(1, len(training) // _BATCH)):

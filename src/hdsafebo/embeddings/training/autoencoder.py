@@ -12,8 +12,9 @@ from hdsafebo.embeddings.base import Source
 from hdsafebo.embeddings.linear import PCA, LinearSettings
 from hdsafebo.embeddings.mlp import Layer, Layers
 from hdsafebo.embeddings.settings import AutoencoderSettings
-from hdsafebo.embeddings.training.loop import one_torch_thread, require_explained, torch_generator, train
+from hdsafebo.embeddings.training.loop import require_explained, torch_generator, train
 from hdsafebo.embeddings.training.tangents import TrainableMlp, relaxed_distortion
+from hdsafebo.threads import one_thread
 from hdsafebo.typing import FloatArray
 
 MIX_MARGIN = 0.2  # codes are mixed with weights in [-0.2, 1.2] (Lee et al. 2022, eta)
@@ -41,7 +42,7 @@ def fit_autoencoder(
     source: Source,
 ) -> FittedAutoencoder:
     """Train on points (n, D); EmbeddingTrainingError if it diverges or collapses."""
-    with one_torch_thread():
+    with one_thread():
         data = EpochData(x, settings.validation_share, rng, source)
         networks = Networks(x.shape[1], settings, torch_generator(rng))
         history: dict[str, object] = {}

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Protocol
 
 import numpy as np
@@ -86,17 +84,6 @@ def require_explained(name: str, unexplained: float, limit: float, advice: str) 
             f"embedding {name!r} collapsed: {unexplained:.1%} of the held-out variance is unexplained, "
             f"expected at most {limit:.0%}; {advice}"
         )
-
-
-@contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """One thread while the body runs: sums keep their order, so the same seed gives the same bits."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def torch_generator(rng: np.random.Generator) -> torch.Generator:

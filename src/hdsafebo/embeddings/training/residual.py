@@ -10,8 +10,9 @@ from hdsafebo.embeddings.base import Source, as_given
 from hdsafebo.embeddings.frame import Frame
 from hdsafebo.embeddings.mlp import Layers
 from hdsafebo.embeddings.settings import ResidualSettings
-from hdsafebo.embeddings.training.loop import one_torch_thread, require_explained, torch_generator, train
+from hdsafebo.embeddings.training.loop import require_explained, torch_generator, train
 from hdsafebo.embeddings.training.tangents import TrainableMlp
+from hdsafebo.threads import one_thread
 from hdsafebo.typing import FloatArray
 
 LARGEST_UNEXPLAINED = 1.0  # of the residual: worse than none at all
@@ -27,7 +28,7 @@ def fit_network(
     source: Source,
 ) -> tuple[Layers, dict[str, object]]:
     """Train h on points (n, D); EmbeddingTrainingError if it diverges or is worse than no residual."""
-    with one_torch_thread():
+    with one_thread():
         model = ResidualRegression(settings, frame, x, rng, source)
         history = train(name, model, settings)
         require_explained(name, model.unexplained(), LARGEST_UNEXPLAINED, ADVICE)

@@ -31,11 +31,11 @@ from hdsafebo.files.bounded import read_bytes
 from hdsafebo.optimizers.base import Optimizer
 from hdsafebo.session.advice.informed import informed_optimizer, results_of
 from hdsafebo.session.advice.methods import load_method
-from hdsafebo.session.advice.one_thread import one_thread
 from hdsafebo.session.advice.search import Search
 from hdsafebo.session.definition import Definition, parse_definition
 from hdsafebo.session.log.chain import Entry
 from hdsafebo.session.log.state import LoggedTrial, Point, State
+from hdsafebo.threads import one_thread
 from hdsafebo.trials import Status, Trials
 from hdsafebo.typing import FloatArray, IntArray
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from hdsafebo.gp.kernel import exact_distances
 from hdsafebo.session.advice.days import day_deviation, fit_days
 from hdsafebo.session.advice.informed import MOST_FITTED, kernel_inputs, new_optimizer
-from hdsafebo.session.advice.one_thread import one_thread
 from hdsafebo.session.log.state import LoggedTrial
 from hdsafebo.session.session import Session
+from hdsafebo.threads import one_thread
 from hdsafebo.typing import FloatArray, IntArray
 
 
